@@ -257,7 +257,8 @@ def test_every_field_of_a_form_has_its_description_and_unit() -> None:
     law = {field["name"]: field for field in by_part["controller"]["kinds"]["saturated"]["fields"]}
     assert list(law) == [f.name for f in fields(rs.SaturatedController)]
     units = {name: field["unit"] for name, field in law.items() if field["unit"]}
-    assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
+    lengths = {"tip": "mm", "joint_deviation": "mm"}
+    assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s"} | lengths
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
     described = describe_field(rs.SaturatedController, "tip")
     assert described == "Distance from marker 2 to the tip, mm, from 0 to 1000."

@@ -112,6 +112,7 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "applied": tick.applied,
         "jog": tick.jog,
         "quality": tick.observation.quality,
+        "pose_bound": state.pose_bound,
     }
 
 

@@ -343,7 +343,7 @@ def run_drift_checks(scene):
             p1 = scene.positions[step % 2]
             points = scene.points + off + moves
             repeated_frames.detect_repeated_frame(w.rows[0], v, True, p1, points, shaft, t)
-            drift.update_drift(w.rows[0], v, p1, points, shaft, t)
+            drift.update_drift(w.rows[0], v, p1, points, shaft, step > 30, t)
         state = exploration.ExplorationState.of(is_done=True)
         facts = make_tick_facts(monitor=w, exploration_state=state, thresholds=t)
         detectors = (

@@ -1,15 +1,18 @@
 """Measurement of how the drives follow the commanded joint rates: gain of each joint, and lag.
 
-A joint with the gain g and the time constant T, which moves by y while the integral of its
-commanded rate is U, obeys
+A joint with the gain g, the time constant T and a delay D, which moves by y while the integral of
+its commanded rate u is U, obeys
 
-    y = g U − T v + c,    v = dy/dt
+    y = g U − T v − g D u + c,    v = dy/dt,    u = dU/dt
 
-g and T of each joint are the solution by least squares over a motion to and fro. c is zero, or
-solved for too if the joints moved already when the measurement began. A delay has the
-same effect as T while the rate changes slowly. One T then serves all joints: its mean, weighted by
-their squared speeds in units of their maximal ones. A reading that repeats the last one, as of an
-arm that reports more often than it measures, is skipped.
+for short delays. g of each joint is the solution by least squares over a motion to and fro. c is
+zero, or solved for too if the joints moved already when the measurement began. Without the term
+with u, a delay of 8 ms would increase g by 2 %.
+
+While the rate changes slowly, u is v/g and a delay has the same effect as T. One lag, T + D, then
+serves all joints: the mean of that with the measured g, weighted by their squared speeds in units
+of their maximal ones. A reading that repeats the last one, as of an arm that reports more often
+than it measures, is skipped.
 """
 
 import numpy as np
@@ -18,6 +21,7 @@ from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill
+from rcmservo.numerics.small_solvers import solve_3x3
 from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 DEFAULT_LAG_S = 0.025
@@ -41,8 +45,11 @@ EXACT_GAIN = 0.01
 MAX_CORRELATION = 0.95
 """Squared correlation of U and v from which they do not determine g and T."""
 
-UU, UV, VV, UY, VY, U_SUM, V_SUM, Y_SUM = range(8)
-"""Columns of `ResponseMeasurement.sums`."""
+MAX_RATE_CORRELATION = 0.999
+"""Squared correlation of v and u from which they do not determine the delay; it is then zero."""
+
+U, V, RATE, Y = range(4)
+"""Rows and columns of `ResponseMeasurement.products`: U, v, u and y."""
 
 
 class ResponseMeasurement(Row):
@@ -57,30 +64,22 @@ class ResponseMeasurement(Row):
     )
     read_at: int = whole("ns", "time of the previous reading")
     readings: float = real("", "number of readings in motion, inf if it began at rest")
-    sums: Floats = reals((3, 8), "", "Σ UU, Uv, vv, Uy, vy, U, v, y of each joint")
+    sums: Floats = reals((3, 4), "", "Σ of U, v, u and y of each joint")
+    products: Floats = reals((3, 4, 4), "", "Σ of their products")
     gains: Floats = reals(3, "", "g of each joint, 0 before a measurement")
     lag: float = real("s", "T by the last complete motion, 0 before")
     is_measuring: bool = flag("a measurement has begun and has not ended")
 
 
 @compiled
-def reset_response(drives: ResponseMeasurement) -> None:
-    """Reset the measurement and its result."""
-    start_response_measurement(drives)
-    fill(drives.newest_joints, 0.0)
-    fill(drives.gains, 0.0)
-    drives.read_at, drives.ticked_at, drives.lag = 0, 0, 0.0
-    drives.is_measuring = False
-
-
-@compiled
 def start_response_measurement(drives: ResponseMeasurement) -> None:
-    """Start a measurement with the arm at rest."""
+    """Start a measurement, with the next reading as its first."""
     fill(drives.commanded, 0.0)
     fill(drives.commanded_at_reading, 0.0)
     fill(drives.moved, 0.0)
     fill(drives.newest_joints, np.nan)
     fill(drives.sums, 0.0)
+    fill(drives.products, 0.0)
     drives.readings, drives.is_measuring = 0.0, True
 
 
@@ -102,17 +101,18 @@ def add_response_reading(
         return
     drives.readings += 1.0
     for i in range(3):
-        U = 0.5 * (drives.commanded_at_reading[i] + drives.commanded[i])
+        commanded, before = drives.commanded[i], drives.commanded_at_reading[i]
         motion = q[i] - drives.newest_joints[i]
-        y, v, sums = drives.moved[i] + 0.5 * motion, motion / dt, drives.sums[i]
-        sums[UU] += U * U
-        sums[UV] += U * v
-        sums[VV] += v * v
-        sums[UY] += U * y
-        sums[VY] += v * y
-        sums[U_SUM] += U
-        sums[V_SUM] += v
-        sums[Y_SUM] += y
+        sample = (
+            0.5 * (before + commanded),
+            motion / dt,
+            (commanded - before) / dt,
+            drives.moved[i] + 0.5 * motion,
+        )
+        for j in range(4):
+            drives.sums[i, j] += sample[j]
+            for k in range(4):
+                drives.products[i, j, k] += sample[j] * sample[k]
         drives.moved[i] += motion
     copy_into(drives.commanded_at_reading, drives.commanded)
     copy_into(drives.newest_joints, q)
@@ -126,29 +126,26 @@ def are_equal(q: Floats, other: Floats) -> bool:
 
 
 @compiled
-def compute_moments(
-    drives: ResponseMeasurement, i: int
-) -> tuple[float, float, float, float, float]:
-    """Return the sums of UU, Uv, vv, Uy and vy of joint i, centred unless c is zero."""
-    sums, n = drives.sums[i], max(drives.readings, 1.0)
-    U, v, y = sums[U_SUM], sums[V_SUM], sums[Y_SUM]
-    return (
-        sums[UU] - U * U / n,
-        sums[UV] - U * v / n,
-        sums[VV] - v * v / n,
-        sums[UY] - U * y / n,
-        sums[VY] - v * y / n,
-    )
+def compute_moment(drives: ResponseMeasurement, i: int, j: int, k: int) -> float:
+    """Return the sum of products j, k of joint i, centred unless c is zero."""
+    n = max(drives.readings, 1.0)
+    return drives.products[i, j, k] - drives.sums[i, j] * drives.sums[i, k] / n
 
 
 @compiled
 def compute_gain(drives: ResponseMeasurement, i: int) -> float:
     """Return the gain g of joint i by the motion so far; NaN if it does not determine g."""
-    uu, uv, vv, uy, vy = compute_moments(drives, i)
-    product, squared = uu * vv, uv * uv
-    if not squared < MAX_CORRELATION * product:
+    M, b = np.empty((3, 3)), np.empty(3)
+    for j in range(3):
+        b[j] = compute_moment(drives, i, j, Y)
+        for k in range(3):
+            M[j, k] = compute_moment(drives, i, j, k)
+    if not M[U, V] ** 2 < MAX_CORRELATION * M[U, U] * M[V, V]:
         return np.nan
-    return (uy * vv - vy * uv) / (product - squared)
+    if not M[V, RATE] ** 2 < MAX_RATE_CORRELATION * M[V, V] * M[RATE, RATE]:
+        return (b[U] * M[V, V] - b[V] * M[U, V]) / (M[U, U] * M[V, V] - M[U, V] ** 2)
+    solution, _ = solve_3x3(M, b)
+    return solution[0]
 
 
 @compiled
@@ -171,10 +168,10 @@ def compute_lag(drives: ResponseMeasurement, max_rates: Floats | Point) -> float
     """Return T in s by the motion so far; NaN without any motion."""
     error_times_speed, squared_speed = 0.0, 0.0
     for i in range(3):
-        _, uv, vv, _, vy = compute_moments(drives, i)
-        unit = max_rates[i] * max_rates[i]
-        error_times_speed += (select_gain(drives, i) * uv - vy) / unit
-        squared_speed += vv / unit
+        unit, gain = max_rates[i] * max_rates[i], select_gain(drives, i)
+        error = gain * compute_moment(drives, i, U, V) - compute_moment(drives, i, V, Y)
+        error_times_speed += error / unit
+        squared_speed += compute_moment(drives, i, V, V) / unit
     return error_times_speed / squared_speed if squared_speed > 0.0 else np.nan
 
 

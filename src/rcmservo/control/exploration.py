@@ -9,8 +9,9 @@ little, and a round ends at the start. The next round is mirrored and larger.
 After the minimal number of corners, the next corner minimises the expected error of the path to the
 target (exploration_planning.py). Exploration ends when this error is below the fraction
 `uncertainty` of the path, and Ĵ agrees to `tolerance` with the fitted projection (camera_fit.py).
-After its maximal time it reports that it has failed. The estimate is updated further during
-servoing.
+If the fit contradicts the pixels of the target at the joints of teaching, up to four more corners
+must confirm it. After its maximal time the exploration reports that it has failed. The estimate is
+updated further during servoing.
 """
 
 from dataclasses import dataclass
@@ -34,6 +35,9 @@ LIMIT_MARGIN = 0.02
 
 CORNER_TOLERANCE = 0.15
 """Largest deviation of a joint from a visited corner, as a fraction of the box's side."""
+
+CONFIRMING_CORNERS = 4
+"""Corners after the minimal number that must confirm a contradiction between target and fit."""
 
 MIN_LEG_LENGTH_MM = 1e-9
 """Smallest length (mm) of a leg that the maximal length is divided by."""
@@ -138,6 +142,7 @@ class ExplorationState(ResponseMeasurement):
     has_begun: bool = flag("whether corners are planned")
     has_no_room: bool = flag("whether the joint limits leave no room for corners")
     fit_is_known: bool = flag("whether the projection fit suffices, though Ĵ may not yet")
+    is_conclusive: bool = flag("whether the corners suffice to contradict the target")
     disagreement: float = real("", "difference of Ĵ from the fit, as a fraction; NaN without a fit")
     is_done: bool = flag("whether the estimate is usable for servoing")
 
@@ -159,7 +164,7 @@ def start_exploration(
     """
     copy_into(state.start_joints, q)
     state.visited_corners, state.start_time = 0, now
-    state.fit_is_known, state.disagreement = False, np.nan
+    state.fit_is_known, state.is_conclusive, state.disagreement = False, False, np.nan
     start_response_measurement(state)
     state.has_begun = set_round(state, rcm, max_rates, min_room, settings)
     state.has_no_room = not state.has_begun

@@ -19,6 +19,7 @@ from rcmservo.constraints import (
     between,
     one_of,
     positive,
+    positive_or_inf,
     three_positive,
 )
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
@@ -60,12 +61,13 @@ class SaturatedController(Checked, section="controller"):
         Feature vector that the controller acts on: 'srd', 'points', 'size', or the name of one that
         `add_feature_vector` has registered. More than three components act by least squares.
     gain : float
-        Gain k, 1/s, positive. Above 1/(e T), with e = 2.718, the tool overshoots, where T is the
-        time in s from reading the joints to the motion of the drives: delay, lag and tick, 34 ms of
-        the simulated arm by default. The default gain overshoots for T above 46 ms. The camera's
-        latency does not count, as the error is predicted for the present joints. Noise does not
-        count if the estimator averages it; with the other estimators (all but dlt and affine) a
-        smaller gain reduces the noise of the motion.
+        Gain k, 1/s, positive. The tool would overshoot for a time T above 1/(e k), with e = 2.718,
+        from reading the joints to the motion of the drives: delay, lag and tick, 34 ms of the
+        simulated arm by default. 1/(e k) is 46 ms for the default gain. Beyond it the error is
+        predicted for the joints that the measured lag leads to. The camera's latency does not
+        count, as the error is predicted for the present joints. Noise does not count if the
+        estimator averages it; with the other estimators (all but dlt and affine) a smaller gain
+        reduces the noise of the motion.
     bounds : Triple
         Saturation bounds b of the feature errors (rad, px, px), positive; that of the angle is at
         most π. By default they are 50° (0.873 rad), 50 px and 50 px.
@@ -76,6 +78,10 @@ class SaturatedController(Checked, section="controller"):
         Speed limit of both markers and of the tip while exploring and servoing, mm/s, positive.
     tip : float
         Distance from marker 2 to the tip, mm, from 0 to 1000.
+    joint_deviation : float
+        Standard deviation (mm) with which the joints of teaching count as a measurement of the
+        target, positive. They decide in a direction that the image hardly shows; inf: the image
+        alone decides.
     max_condition : float
         Condition number of the Jacobian, with its rows in units of 10° and 10 px, above 1, beyond
         which its inverse is strongly damped. Damping begins at half of it.
@@ -120,6 +126,7 @@ class SaturatedController(Checked, section="controller"):
     potential: Literal["continuous", "printed"] = "continuous"
     max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
     tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
+    joint_deviation: Annotated[float, positive_or_inf("number of mm")] = 1.0
     max_condition: Annotated[float, above(1.0)] = 150.0
 
     @cached_property

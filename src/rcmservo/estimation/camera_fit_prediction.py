@@ -28,7 +28,7 @@ from rcmservo.geometry.kinematics import Point
 from rcmservo.geometry.tool import ToolStruct, convert_to_first_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import multiply_matrices
+from rcmservo.numerics.small_linalg import compute_norm, multiply_matrices
 from rcmservo.numerics.small_solvers import invert
 
 Row4 = tuple[float, float, float, float]
@@ -244,16 +244,42 @@ def compute_fitted_features_jacobian(
 @compiled
 def invert_normal_matrix(H: Floats, inverse: Floats) -> bool:
     """Write (HᵀH)⁻¹ (3, 3) mm²/px² of H = ∂m/∂p₁ (4, 3) px/mm; return whether it exists."""
+    return invert_damped_normal_matrix(H, 0.0, inverse)
+
+
+@compiled
+def invert_damped_normal_matrix(H: Floats, damping: float, inverse: Floats) -> bool:
+    """Write (HᵀH + λ I)⁻¹ (3, 3) mm²/px²; return whether it exists.
+
+    λ is the square of `damping` times the largest px per mm of marker 1.
+    """
+    px_per_mm = max(compute_norm(H[0]), compute_norm(H[1]))
     for i in range(3):
         for j in range(3):
-            inverse[i, j] = 0.0
+            inverse[i, j] = (damping * px_per_mm) ** 2 if i == j else 0.0
             for k in range(4):
                 inverse[i, j] += H[k, i] * H[k, j]
     return invert(inverse)
 
 
 @compiled
-def compute_squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
+def write_damped_pseudoinverse(H: Floats, damping: float, P: Floats) -> bool:
+    """Write P = (HᵀH + λ I)⁻¹ Hᵀ (3, 4) mm/px of H = ∂m/∂p₁ (4, 3); return whether it exists.
+
+    λ is the square of `damping` times the largest px per mm of marker 1.
+    """
+    inverse = np.empty((3, 3))
+    exists = invert_damped_normal_matrix(H, damping, inverse)
+    for i in range(3):
+        for k in range(4):
+            P[i, k] = 0.0
+            for j in range(3):
+                P[i, k] += inverse[i, j] * H[k, j]
+    return exists
+
+
+@compiled
+def compute_squared_dilution(fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct) -> float:
     """Return the squared dilution of precision tr(HᵀH)⁻¹ in (mm/px)².
 
     H (4, 3) is ∂m/∂p₁ of both markers. The result is large where the pixels hardly determine the
@@ -266,7 +292,7 @@ def compute_squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) 
 
 
 @compiled
-def compute_pose_deviation(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
+def compute_pose_deviation(fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct) -> float:
     """Return the standard deviation (mm) of marker 1 by the pixels of one frame: σ √tr(HᵀH)⁻¹."""
     return np.sqrt(fit.noise_variance * compute_squared_dilution(fit, p1, shaft))
 

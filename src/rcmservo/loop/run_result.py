@@ -71,12 +71,17 @@ class FinalPose:
     by_image_std_mm : float or None
         Standard deviation of this distance by the scatter of Δy, mm. It does not contain the error
         of Ĵ.
+    bound_mm : float or None
+        True distance that is kept with 95 % by the servo's own estimate, mm: from the noise of the
+        markers and the errors of arm and tool that their residuals on the way show. None unless the
+        tool has arrived.
     """
 
     p2_mm: list[float] | None = None
     by_joints_mm: float | None = None
     by_image_mm: float | None = None
     by_image_std_mm: float | None = None
+    bound_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -358,6 +363,8 @@ class RunResult:
             by_joints = "" if joints is None else f"{joints:.2f} mm by the joints, "
             alone = " alone: the target has no joints" if joints is None else ""
             parts.append(f"error {by_joints}{image:.2f} mm by the image{alone}")
+            if self.pose.bound_mm is not None:
+                parts.append(f"± {self.pose.bound_mm:.2f} mm (95 %)")
         if self.settle_time_s is not None:
             parts.append(f"{self.settle_time_s:.1f} s")
         return ", ".join(parts)

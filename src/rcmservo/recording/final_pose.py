@@ -37,6 +37,8 @@ class RunCourse:
         Joint rates (N, 3) that the arm applied after each tick, rad/s, rad/s, mm/s.
     J_hat : Floats
         Ĵ (3, 3) at the last tick, rows in rad/mm, px/mm, px/mm.
+    pose_bound : float
+        Distance from the taught position that is kept with 95 % at the last tick, mm; or NaN.
     """
 
     times: Floats
@@ -45,6 +47,7 @@ class RunCourse:
     q: Floats
     applied: Floats
     J_hat: Floats
+    pose_bound: float = np.nan
 
 
 def measure_final_pose(
@@ -69,7 +72,9 @@ def measure_final_pose(
     recent_errors = course.errors[course.times > course.times[-1] - FINAL_WINDOW_S]
     mean_mm, std_mm = convert_to_mm(recent_errors, course.J_hat, tool, p1)
     by_joints_mm = finite_or_none(float(np.linalg.norm(p2 - taught_p2)))
-    return FinalPose(p2.tolist(), by_joints_mm, finite_or_none(mean_mm), finite_or_none(std_mm))
+    by_image_mm, std_mm = finite_or_none(mean_mm), finite_or_none(std_mm)
+    bound_mm = finite_or_none(course.pose_bound)
+    return FinalPose(p2.tolist(), by_joints_mm, by_image_mm, std_mm, bound_mm)
 
 
 def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:

@@ -140,6 +140,7 @@ class OutcomeCollector:
             q=np.array(self._joints),
             applied=np.array(self._applied_rates),
             J_hat=self._last_tick.state.J_hat,
+            pose_bound=self._last_tick.state.pose_bound,
         )
         pose = measure_final_pose(course, self._servo.mechanism, self._servo.tool, taught_q)
         mode = self._last_tick.state.mode

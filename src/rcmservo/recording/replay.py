@@ -10,7 +10,7 @@ observed something else.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version as find_version
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from rcmservo.recording import reader
 from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.reader import Column, Record
 from rcmservo.recording.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
+from rcmservo.recording.tick_schema import ADDED_COLUMNS
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import format_class_name_of
@@ -235,16 +236,17 @@ def _read_observation(recorded: Record, i: int) -> Observation:
 
 
 def _compare(recorded: Record, recomputed: Record) -> tuple[dict[str, int], int | None]:
-    """Compare two records bit by bit.
+    """Compare two records bit by bit, except for columns that the older one lacks.
 
     Return the number of differing ticks of each column that has any, and the index of the first
     tick that differs.
     """
     no_values = np.empty((len(recorded.time), 0))
     a, b = recorded.ticks, recomputed.ticks
+    lacking = {name for name in chain(*ADDED_COLUMNS) if name in a and np.isnan(a[name]).all()}
     is_different = {
         name: _find_differing_rows(a.get(name, no_values), b.get(name, no_values))
-        for name in {**a, **b}
+        for name in {**a, **b}.keys() - lacking
     }
     for name, recorded_names in recorded.words.items():
         is_different[name] = np.array(recorded_names) != np.array(recomputed.words[name])

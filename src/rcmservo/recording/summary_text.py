@@ -120,6 +120,7 @@ def _describe_final_pose(pose: run_result.FinalPose) -> str:
     return _join(
         f"{by_image} {deviation} by the image" if by_image else "",
         _format_number(pose.by_joints_mm, "mm by the joints", 3),
+        _format_number(pose.bound_mm, "mm (95 %)", 2, "true within "),
     )
 
 

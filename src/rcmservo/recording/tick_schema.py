@@ -18,6 +18,7 @@ from rcmservo.loop.tick import Tick
 JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
 RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
 POSITION = ("x [mm]", "y [mm]", "z [mm]")
+LENGTH = ("[mm]",)
 VELOCITY = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
 FEATURES = ("s [rad]", "r [px]", "d [px]")
 IMAGE_POINT = ("u [px]", "v [px]")
@@ -103,6 +104,7 @@ REAL_COLUMNS = (
     Column("sizes", MARKER_SIZES, get("observation.sizes")),
     Column("jog", RATES, get("jog")),
     Column("quality", MARKER_QUALITIES, get("observation.quality")),
+    Column("pose_bound", LENGTH, get("state.pose_bound")),
 )
 """Real numbers of a tick.
 
@@ -110,7 +112,7 @@ REAL_COLUMNS = (
 that the arm executed of the command; `jog` are the rates that the operator requested.
 """
 
-ADDED_COLUMNS = ("sizes",), ("jog",), ("quality",)
+ADDED_COLUMNS = ("sizes",), ("jog",), ("quality",), ("pose_bound",)
 """Real numbers that later versions of the format added, one group per version.
 
 They are NaN in older records.

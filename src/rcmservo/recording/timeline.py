@@ -202,6 +202,7 @@ def _judge_last_run(record: Record) -> RunResult:
         q=record.ticks["q"][first:],
         applied=record.ticks["applied"][first:],
         J_hat=record.ticks["J_hat"][-1].reshape(3, 3),
+        pose_bound=float(record.ticks["pose_bound"][-1, 0]),
     )
     result = judge_run(course, exploration_end_s, mode, _measure_recorded_pose(record, course))
     return _mark_unfinished(record, result, mode)

@@ -274,8 +274,9 @@ class Cause(Enum):
     )
     ELSEWHERE = pause(
         "the image shows the tool at the target, but the joints contradict it: a pose beyond a "
-        "singular surface looks the same, or the camera was moved or zoomed after the target was "
-        "taught, or the zero positions of the arm have changed",
+        "singular surface looks the same, the camera was moved or zoomed after the target was "
+        "taught, a marker was mistaken, the zero positions of the arm have changed, or a joint no "
+        "longer moves the tool",
         f"{TEACH_AGAIN}, then resume",
         path.joints_contradict_image,
         detail=describe_contradiction,

@@ -130,7 +130,8 @@ def initial_monitor_state() -> MonitorState:
 def reset_monitor(monitor: MonitorState, resets_markers: bool) -> None:
     """Reset the counts of late ticks, drift and contradictions.
 
-    With ``resets_markers``, reset the counts of the markers too; then no frame counts as accepted.
+    With ``resets_markers``, reset the counts of the markers and their residuals on the way too;
+    then no frame counts as accepted.
     """
     monitor.late_ticks, monitor.contradictions, monitor.averaged_frames = 0, 0, 0
     monitor.image_frozen = False
@@ -142,6 +143,7 @@ def reset_monitor(monitor: MonitorState, resets_markers: bool) -> None:
         monitor.accepted_frame, monitor.one_marker_suffices = -1, False
         monitor.agreeing_frames, monitor.first_frame_is_wrong = 0, False
         fill(monitor.stuck_anchors, np.nan)
+        fill(monitor.residual_sums, 0.0)
 
 
 @compiled

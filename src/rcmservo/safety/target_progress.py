@@ -17,10 +17,14 @@ class TargetProgress(Row):
     remaining_mm: float = real("mm", "distance of marker 1 from the target by the image")
     mean_step: Floats = reals(3, "mm", "mean step of marker 1 to the target by the image")
     has_arrived: bool = flag("True if the joints have reached the values of the taught target")
+    pose_bound: float = real(
+        "mm", "distance of marker 2 from its taught position with 95 %, NaN before arrival"
+    )
     is_unchecked: bool = flag("True if the target has no joints with which to check its pixels")
     is_implausible: bool = flag(
         "True if the fit contradicts the pixels of the target at its joints"
     )
+    aim: Floats = reals((2, 2), "px", "markers that the servo aims at")
     predicted_target: Floats = reals(
         (2, 2), "px", "markers at the joints of the target, by the fit"
     )
@@ -28,6 +32,9 @@ class TargetProgress(Row):
         "mm", "least distance from the joints of teaching in the motion to the target"
     )
     gap_since: int = whole("ns", "time since which the tool will stop elsewhere, or NEVER_NS")
+    contradicted_since: int = whole(
+        "ns", "time since which the image alone contradicts the joints, or NEVER_NS"
+    )
     mismatch_since: int = whole("ns", "time since which image and joints disagree, or NEVER_NS")
     reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
     reference_time: int = whole("ns", "time of `reference_error`")

@@ -7,7 +7,6 @@ from typing import Annotated
 from rcmservo.constraints import (
     FRACTION,
     Checked,
-    Limit,
     Triple,
     above,
     angles,
@@ -15,6 +14,7 @@ from rcmservo.constraints import (
     between,
     not_negative,
     positive,
+    positive_or_inf,
     three_positive,
 )
 
@@ -23,7 +23,6 @@ POSITIVE_S = positive("time in s")
 POSITIVE_MM = positive("length in mm")
 POSITIVE_PX = positive("number of px")
 POSITIVE = positive()
-POSITIVE_MM_OR_INF = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
 COUNT_TO_1000 = between(1, 1000, "a whole number")
 
 
@@ -114,7 +113,9 @@ class Thresholds(Checked, section="thresholds"):
         Mean residual that is attributed to errors of arm and tool (backlash, bending, axes or
         markers that are not where the kinematics have them), as a distance of the marker in space,
         mm, not negative. With J = ∂m/∂p (2, 3) px/mm of the marker, a drift also exceeds
-        √(rᵀ (a² I + b² J Jᵀ)⁻¹ r) = 1, with ``max_drift_px`` for a and this for b.
+        √(rᵀ (a² I + b² J Jᵀ)⁻¹ r) = 1, with ``max_drift_px`` for a and this for b. b grows up to
+        1.7 times for an arm with larger residuals on the way, and is so large at the target, where
+        the arm reverses its motion and the joints bound its error.
     drift_frames : int
         Number of frames in the mean residual.
     frozen_image_motion : float
@@ -131,7 +132,8 @@ class Thresholds(Checked, section="thresholds"):
         target, and by half of ``max_target_mismatch`` mm times the px per mm there. The vector
         between the taught markers is compared in the same way, with a fraction of its own length.
         Once the tool has moved 10 mm away from the joints of teaching, ``model_error`` alone is
-        subtracted.
+        subtracted. At the target, 0.63 times this number of standard deviations separate the place
+        of the target by the image alone from the joints of teaching (`ELSEWHERE`).
     target_error_fraction : float
         Deviation of a taught marker that is attributed to lens, arm and tool, which the projection
         fit assumes to be ideal, as a fraction of the marker's predicted motion to the target; of
@@ -267,7 +269,7 @@ class Thresholds(Checked, section="thresholds"):
     stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0
     max_target_deviation: Annotated[float, POSITIVE] = 6.0
     target_error_fraction: Annotated[float, FRACTION] = 0.1
-    max_target_mismatch: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
+    max_target_mismatch: Annotated[float, positive_or_inf("number of mm")] = 2.0
     target_mismatch_time: Annotated[float, POSITIVE_S] = 0.2
 
     max_single_marker_deviation: Annotated[float, not_negative("number of mm")] = 1.5

@@ -75,7 +75,8 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
             monitor, deviates_1, deviates_2, crossed, points, estimate.points, thresholds
         )
         if not crossed:  # its residual has the same direction each time, as that of a drift
-            update_drift(monitor, fit, p1, points, shaft, thresholds)
+            has_arrived = stored.decision.has_arrived
+            update_drift(monitor, fit, p1, points, shaft, has_arrived, thresholds)
     else:
         noise_px = np.sqrt(2.0 * fit.noise_variance)
         max_jump_px = thresholds.max_jump_px + thresholds.max_innovation * noise_px

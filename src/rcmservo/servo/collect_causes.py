@@ -15,7 +15,7 @@ from rcmservo.estimation.camera_fit_prediction import (
     write_point_jacobian,
 )
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
-from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
+from rcmservo.geometry.tool import compute_second_marker_tuple
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_norm
@@ -29,13 +29,16 @@ from rcmservo.servo.kernel_parameters import (
     make_rcm_struct,
     make_tool_struct,
 )
-from rcmservo.servo.predict_arrival import watch_arrival
+from rcmservo.servo.target_gap import bound_pose, image_contradicts_joints, watch_arrival
 
 ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
 
 ASSUMED_TEACHING_FRAMES = 30.0
 """Number of frames that are assumed to be averaged in a target."""
+
+CONTRADICTION_TIMES = 4.0
+"""Time for which the image alone must contradict the joints, in `target_mismatch_time`."""
 
 MAX_DETOUR_MM = 10.0
 """Motion (mm) away from the joints of teaching up to which errors of the model are excused.
@@ -82,31 +85,62 @@ def watch_target(tick: TickContext) -> None:
     """Record since when the image and the joints disagree on the arrival at the target.
 
     They disagree if the image reports the target as reached, or leads the tool away from it again,
-    but the joints differ from those at teaching by more than noise explains.
+    but the joints differ from those at teaching by more than noise explains; or if the target is
+    elsewhere by the image alone.
     """
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    decision, fit, q, q_d = stored.decision, stored.projection_fit, tick.observation.q, setpoint.q
+    decision, setpoint, parameters = tick.stored.decision, tick.setpoint, tick.parameters
     had_arrived = decision.has_arrived and not setpoint.is_new
     remaining_mm = average_distance(tick)
     is_near = had_arrived or remaining_mm < ARRIVAL_DISTANCE_MM
     if decision.mode.phase != SERVO or not is_near:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
+        decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
         return
-    allowed_mm = parameters.thresholds.max_target_mismatch
-    if bound_marker_distance(q, q_d, parameters) < allowed_mm:
-        decision.has_arrived, decision.mismatch_since = not setpoint.is_new, NEVER_NS
-        return
-    distance_mm = compute_larger_marker_distance(q, q_d, parameters)
-    if not distance_mm < allowed_mm:
-        frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
-        noise_mm = compute_pose_deviation(fit, stored.estimate.p1, make_tool_struct(parameters))
-        noise_mm *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
-        allowed_mm += NOISE_SIGMAS * noise_mm
-    decision.has_arrived = not setpoint.is_new and (had_arrived or distance_mm < allowed_mm)
-    if not distance_mm - min(remaining_mm, ARRIVAL_DISTANCE_MM) > allowed_mm:
+    decision.pose_bound = bound_pose(tick)
+    distance_mm = compute_larger_marker_distance(tick.observation.q, setpoint.q, parameters)
+    excess_mm = distance_mm - compute_allowed_distance(tick, distance_mm)
+    decision.has_arrived = not setpoint.is_new and (had_arrived or excess_mm < 0.0)
+    is_elsewhere = excess_mm > min(remaining_mm, ARRIVAL_DISTANCE_MM)
+    if not (is_elsewhere or contradicts_for_long(tick)):
         decision.mismatch_since = NEVER_NS
     elif decision.mismatch_since == NEVER_NS:
         decision.mismatch_since = tick.observation.now
+
+
+@compiled
+def contradicts_for_long(tick: TickContext) -> bool:
+    """Return True if the image alone has contradicted the joints since long after arrival.
+
+    By then the mean residuals no longer contain frames of the motion, which bends the tool.
+    """
+    decision, thresholds = tick.stored.decision, tick.parameters.thresholds
+    now, is_checked = tick.observation.now, thresholds.max_target_mismatch < np.inf
+    has_joints = not np.isnan(tick.setpoint.q[0])
+    if not (is_checked and has_joints and image_contradicts_joints(tick)):
+        decision.contradicted_since = NEVER_NS
+        return False
+    if decision.contradicted_since == NEVER_NS:
+        decision.contradicted_since = now
+    long_s = CONTRADICTION_TIMES * thresholds.target_mismatch_time
+    return now - decision.contradicted_since >= long_s * 1e9
+
+
+@compiled
+def compute_allowed_distance(tick: TickContext, distance_mm: float) -> float:
+    """Return how far (mm) from the joints of teaching the image may show the tool at the target.
+
+    It is the threshold, and for a larger distance also what the noise of the image explains at the
+    joints of teaching.
+    """
+    fit, parameters = tick.stored.projection_fit, tick.parameters
+    allowed_mm = parameters.thresholds.max_target_mismatch
+    if distance_mm < allowed_mm or np.isnan(distance_mm):
+        return allowed_mm
+    p1_d = compute_position_tuple(make_rcm_struct(parameters), tick.setpoint.q)
+    frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
+    noise_mm = compute_pose_deviation(fit, p1_d, make_tool_struct(parameters))
+    noise_mm *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
+    return allowed_mm + NOISE_SIGMAS * noise_mm
 
 
 @compiled
@@ -134,19 +168,6 @@ def compute_larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelPar
     p1, p1_d = compute_position_tuple(rcm, q), compute_position_tuple(rcm, q_d)
     p2, p2_d = compute_second_marker_tuple(shaft, p1), compute_second_marker_tuple(shaft, p1_d)
     return max(compute_point_distance(p1, p1_d), compute_point_distance(p2, p2_d))
-
-
-@compiled
-def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
-    """Return an upper bound (mm) of `compute_larger_marker_distance`, in a fraction of its time.
-
-    The direction of the tool turns by no more than the sum of the changes of the angles.
-    """
-    zero = parameters.rcm.zero
-    rho, rho_d = q[2] + zero, q_d[2] + zero
-    turn_rad = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
-    lever_ratio = max(compute_marker_ratio(make_tool_struct(parameters), (0.0, 0.0, rho)), 1.0)
-    return lever_ratio * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turn_rad)
 
 
 @compiled

@@ -7,8 +7,10 @@ from rcmservo.control.drive_response import (
     estimate_lag_so_far,
     finish_response_measurement,
     select_gain,
+    select_lag,
 )
 from rcmservo.control.exploration import (
+    CONFIRMING_CORNERS,
     CORNERS,
     compute_rates_to_corner,
     compute_relative_difference,
@@ -39,6 +41,7 @@ from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blo
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.innovation import is_plausible_fit
 from rcmservo.safety.state_machine import ACQUIRE, SERVO
+from rcmservo.servo.collect_causes import compare_target_with_fit
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
     TickContext,
@@ -73,7 +76,8 @@ def compute_command(tick: TickContext, frame_result: int) -> None:
 def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     """Compute v and the joint rates by the controller, and record the decrease of the error.
 
-    The controller acts on the error that is predicted for the present joints.
+    The controller acts on the error that is predicted for the present joints, or for later ones of
+    drives with a long lag.
     """
     observation, parameters = tick.observation, tick.parameters
     estimate, decision, rcm = (
@@ -83,7 +87,7 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     )
     controller, thresholds = parameters.controller, parameters.thresholds
     q = (observation.q[0], observation.q[1], observation.q[2])
-    p1 = compute_position_tuple(rcm, q)
+    p1 = compute_position_tuple(rcm, predict_joints_after_lag(tick))
     predict_error(estimate, p1)
     output, error = evaluate_controller(estimate, p1, parameters, tick.stored.workspace)
     max_speed = choose_speed_cap(controller, decision.is_unchecked)
@@ -105,6 +109,21 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     if error < largest_error - decrease or not is_servoing:
         largest_error, decision.reference_time = error, observation.now
     decision.reference_error = largest_error
+
+
+@compiled
+def predict_joints_after_lag(tick: TickContext) -> Point:
+    """Return the joints (3,) that the present rates lead to in the time t ≥ 0.
+
+    With the gain k the tool overshoots if the drives have a lag above 1/(e k), less a tick. t is
+    what the lag exceeds that by.
+    """
+    parameters = tick.parameters
+    q, rates = tick.observation.q, tick.stored.monitor.predicted_rates[0]
+    lag_s = select_lag(tick.stored.exploration_state, parameters.thresholds.drive_lag)
+    allowed_s = 1.0 / (np.e * parameters.controller.gain) - parameters.period * 1e-9
+    t = max(lag_s - allowed_s, 0.0)
+    return q[0] + t * rates[0], q[1] + t * rates[1], q[2] + t * rates[2]
 
 
 @compiled
@@ -145,7 +164,8 @@ def explore(tick: TickContext, frame_result: int) -> None:
     if frame_result == FRAME_UPDATES:
         exploration.fit_is_known = fit_suffices(tick)
         exploration.disagreement = compare_with_fit(tick) if exploration.fit_is_known else np.nan
-        exploration.is_done = exploration.disagreement <= settings.tolerance
+        is_confirmed = exploration.fit_is_known and confirm_target(tick)
+        exploration.is_done = exploration.disagreement <= settings.tolerance and is_confirmed
     if exploration.is_done:
         finish_response_measurement(exploration, max_rates)
         return
@@ -156,6 +176,19 @@ def explore(tick: TickContext, frame_result: int) -> None:
     rcm, tool = make_rcm_struct(parameters), make_tool_struct(parameters)
     tip, max_speed = parameters.controller.tip, parameters.controller.max_speed
     cap_joint_rates(decision.rates, rates, rcm, tool, q, tip, max_speed)
+
+
+@compiled
+def confirm_target(tick: TickContext) -> bool:
+    """Return True if the fit agrees with the target, or contradicts it after four more corners.
+
+    Errors of an arm contradict a target too while the fit has few frames.
+    """
+    exploration, settings = tick.stored.exploration_state, tick.parameters.exploration
+    compare_target_with_fit(tick)
+    least_corners = settings.min_corners + CONFIRMING_CORNERS
+    exploration.is_conclusive = exploration.visited_corners >= least_corners
+    return exploration.is_conclusive or not tick.stored.decision.is_implausible
 
 
 @compiled

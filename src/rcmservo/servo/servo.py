@@ -235,10 +235,10 @@ class Servo(Checked):
     def init(self) -> State:
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest_command = CommandStruct.from_source(self.gate.rest())
-        never = dict.fromkeys(("gap_since", "mismatch_since", "camera_moved_at"), NEVER_NS)
-        decision = Decision.of(
-            command=rest_command, reference_error=np.inf, blocked_joint=-1, **never
-        )
+        times = "gap_since", "contradicted_since", "mismatch_since", "camera_moved_at"
+        never = dict.fromkeys(times, NEVER_NS)
+        unknown = {"reference_error": np.inf, "pose_bound": np.nan, "blocked_joint": -1}
+        decision = Decision.of(command=rest_command, **unknown, **never)
         monitor, estimation = initial_monitor_state(), make_initial_estimation_rows()
         stored = StoredState.of(decision=decision, monitor=monitor, **estimation)
         return State(stored, self._initial_memory())
@@ -429,7 +429,7 @@ class Servo(Checked):
             sizes_jacobian = self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)
             motion = np.vstack([motion, sizes_jacobian])
         markers = MarkerPair(points, sample.sizes.copy(), o_c)
-        desired = MarkerPair(target.points, target.sizes, o_c)
+        desired = MarkerPair(stored.decision.aim.copy(), target.sizes, o_c)
         error, jacobian, failure = linearise(self.features, markers, desired, motion)
         n = len(error)
         estimate.controlled_error[:n], estimate.controlled_jacobian[:n] = error, jacobian

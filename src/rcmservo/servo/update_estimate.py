@@ -29,6 +29,7 @@ from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
 from rcmservo.servo.kernel_parameters import TickContext, make_tool_struct
 from rcmservo.servo.state import EstimatorMemory, Workspace
+from rcmservo.servo.target_gap import aim_at_target
 
 NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
 """Results of a frame: not accepted or not new, accepted, or accepted and used to update Ĵ."""
@@ -53,6 +54,7 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
     fit, shaft = tick.stored.projection_fit, make_tool_struct(parameters)
     weigh_markers(fit, estimate.p1, points, shaft)
     update_fit(fit, estimate.p1, points, shaft)
+    aim_at_target(tick)
     unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
         return lines, unknown_result
@@ -97,6 +99,7 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
     frames_before, shaft = fit.frame_count, make_tool_struct(tick.parameters)
     weigh_markers(fit, estimate.p1, tick.observation.points, shaft)
     update_fit(fit, estimate.p1, tick.observation.points, shaft)
+    aim_at_target(tick)
     copy_into(result.o_c, estimate.o_c)
     copy_into(result.o_c_covariance, estimate.o_c_covariance)
     fit_changed = fit.frame_count > frames_before or estimate.rcm_condition > 0.0
@@ -149,7 +152,7 @@ declare_in("rcmservo.servo.estimator_kernels")
 def store_estimate(tick: TickContext) -> None:
     """Compute features and error from the estimator's result, and check the estimate by them."""
     stored, feature_code = tick.stored, tick.parameters.features.code
-    estimate, result, target = stored.estimate, stored.estimator_result, tick.setpoint.points
+    estimate, result, target = stored.estimate, stored.estimator_result, stored.decision.aim
     estimate.exposure = tick.observation.exposure
     if result.has_imaged_rcm:
         copy_into(estimate.o_c, result.o_c)

@@ -5,7 +5,7 @@ about a minute.
 """
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import copy_row, replace_fields
 from rcmservo.servo.servo import State
+from rcmservo.servo.state import StoredState
 from rcmservo.servo.user_estimator import is_compiled
 from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.scene import Scene
@@ -127,10 +128,11 @@ class CompiledEngine(StudyEngine):
         require(is_enough, "noise", noise.shape, expected)
         ticks, rate = round(self.duration * self.servo.rate), self.servo.rate
         trace = LoopTrace(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
-        plant = self._make_plant(seed, scene)
-        run_closed_loop(self._initial_conditions, plant.rows, goal, noise, trace)
-        bound_mm = self.compute_bound(scene)
-        return StudyRun(seed, rate, trace.error, trace.phase, trace.cause, bound_mm, scene)
+        plant, start = self._make_plant(seed, scene), self._initial_conditions
+        run_closed_loop(start, plant.rows, goal, noise, trace)
+        bound_mm, decision = self.compute_bound(scene), StoredState(start.stored).decision
+        run = StudyRun(seed, rate, trace.error, trace.phase, trace.cause, bound_mm, scene)
+        return replace(run, pose_bound=float(decision.pose_bound))
 
     @property
     def _initial_conditions(self) -> InitialConditions:

@@ -42,6 +42,9 @@ class StudyRun:
         Engine that made the run; empty if it is not noted, as in a comparison.
     jacobian_error : float
         Median scaled error of Ĵ in SERVO; NaN where it is not measured, as in a comparison.
+    pose_bound : float
+        Error at the end that is kept with 95 % by the servo's own estimate, mm; NaN if the tool has
+        not arrived, or where it is not measured.
     """
 
     seed: int
@@ -53,6 +56,7 @@ class StudyRun:
     scene: Scene
     engine: str = ""
     jacobian_error: float = np.nan
+    pose_bound: float = np.nan
 
     def first_within(self, mm: float) -> float:
         """Return the time of the first tick with an error up to `mm`, in s; inf without one."""

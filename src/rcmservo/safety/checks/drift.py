@@ -46,6 +46,7 @@ def update_drift(
     p1: Floats,
     points: Floats,
     tool: ToolStruct,
+    has_arrived: bool,
     thresholds: Thresholds,
 ) -> None:
     """Update the mean residuals with a new frame.
@@ -62,13 +63,15 @@ def update_drift(
         Markers, (2, 2) raw px; a lost one is replaced by its prediction.
     tool : ToolStruct
         Tool, which gives the position of marker 2.
+    has_arrived : bool
+        True at the target if the joints confirm it.
     thresholds : Thresholds
         Thresholds of the checks.
     """
     predicted = project_markers(fit, p1, tool)
     monitor.averaged_frames = min(monitor.averaged_frames + 1, thresholds.drift_frames)
     for k in range(2):
-        update_mean_residual(monitor, fit, k, predicted[k], points[k], thresholds)
+        update_mean_residual(monitor, fit, k, predicted[k], points[k], has_arrived, thresholds)
 
 
 @compiled
@@ -122,6 +125,7 @@ def update_mean_residual(
     k: int,
     predicted: ProjectedPoint,
     point: Floats,
+    has_arrived: bool,
     thresholds: Thresholds,
 ) -> None:
     """Update the mean residual of marker k, and find out if noise and errors of the arm explain it.
@@ -147,7 +151,8 @@ def update_mean_residual(
         is_noise = not distance > max_squared_sigma
     monitor.drift_px[k] = 0.0 if is_noise else mean_px
     exceeds_px = monitor.drift_px[k] > thresholds.max_drift_px
-    is_drift = exceeds_px and not arm_explains(monitor, fit, predicted, mean, thresholds)
+    arm_error_mm = bound_arm_error(monitor, has_arrived, thresholds)
+    is_drift = exceeds_px and not arm_explains(fit, predicted, mean, arm_error_mm, thresholds)
     monitor.drifts[k] = 1.0 if is_drift else 0.0
 
 
@@ -158,24 +163,35 @@ def compute_arm_error(monitor: MonitorState) -> float:
 
 
 @compiled
+def bound_arm_error(monitor: MonitorState, has_arrived: bool, thresholds: Thresholds) -> float:
+    """Return the largest error (mm) of arm and tool, `max_arm_error` or up to 1.7 times.
+
+    It is larger for an arm with larger residuals on the way, and at the target, where it reverses
+    its motion and the joints bound the error too.
+    """
+    largest_mm = MAX_ARM_ERROR_RATIO * thresholds.max_arm_error
+    learned_mm = ARM_ERROR_FACTOR * compute_arm_error(monitor)
+    if has_arrived:
+        return largest_mm
+    return max(min(learned_mm, largest_mm), thresholds.max_arm_error)
+
+
+@compiled
 def arm_explains(
-    monitor: MonitorState,
     fit: ProjectionFit,
     predicted: ProjectedPoint,
     mean: Floats,
+    arm_error_mm: float,
     thresholds: Thresholds,
 ) -> bool:
     """Return True if errors of arm and tool explain the mean residual (2,) px of a marker.
 
-    With J = ∂m/∂p (2, 3) px/mm of the marker they explain r if rᵀ(a² I + b² J Jᵀ)⁻¹ r ≤ 1, with the
-    thresholds a = `max_drift_px` and b = `max_arm_error`. An arm with larger residuals on the way
-    has a larger b, up to 1.7 times.
+    With J = ∂m/∂p (2, 3) px/mm of the marker they explain r if rᵀ(a² I + b² J Jᵀ)⁻¹ r ≤ 1, with a =
+    `max_drift_px` and the error b.
     """
     J = np.empty((2, 3))
     write_point_jacobian(fit, predicted, J)
-    largest_mm = MAX_ARM_ERROR_RATIO * thresholds.max_arm_error
-    learned_mm = min(ARM_ERROR_FACTOR * compute_arm_error(monitor), largest_mm)
-    squared_mm = max(learned_mm, thresholds.max_arm_error) ** 2
+    squared_mm = arm_error_mm**2
     covariance = (
         squared_mm * (J[0, 0] ** 2 + J[0, 1] ** 2 + J[0, 2] ** 2),
         squared_mm * (J[0, 0] * J[1, 0] + J[0, 1] * J[1, 1] + J[0, 2] * J[1, 2]),

@@ -1,7 +1,7 @@
 """Detectors of obstacles on the path to the target: joint limits, an old target, a stall.
 
 An obstacle is also a target whose pixels and joints contradict each other, by the prediction before
-the motion or by the image on arrival.
+the motion, or by the image on arrival and after it.
 """
 
 from rcmservo.interfaces import NEVER_NS
@@ -42,7 +42,8 @@ def target_is_unchecked(facts: TickFacts) -> bool:
 @compiled
 def target_is_implausible(facts: TickFacts) -> bool:
     """Detect a target whose pixels are not where the camera shows its joints."""
-    return facts.exploration_state.fit_is_known and facts.progress.is_implausible
+    exploration = facts.exploration_state
+    return facts.progress.is_implausible and (exploration.is_done or exploration.is_conclusive)
 
 
 @compiled
