@@ -127,11 +127,11 @@ def describe_runs(runs: list[StudyRun]) -> str:
     bounds = np.array([run.pose_bound for run in runs])[moves_on]
     near, nearer = int((moves_on & (errors <= 1.0)).sum()), int((moves_on & (errors <= 1.5)).sum())
     stays, far = errors[moves_on], int((errors[moves_on] > 1.5).sum())
-    covered = np.mean(stays <= bounds) if len(stays) else np.nan
+    covered, bound = (np.mean(stays <= bounds), np.median(bounds)) if len(stays) else (0.0, np.nan)
     stops = Counter(run.held.name for run in runs if run.held is not Cause.NONE)
     return (
         f"{len(runs):4} {estimate_fraction(near, len(runs)):.1%} {nearer / len(runs):7.1%} "
-        f"{np.median(errors):7.3f} {far:4} {covered:7.1%} {np.median(bounds):5.2f}  "
+        f"{np.median(errors):7.3f} {far:4} {covered:7.1%} {bound:5.2f}  "
         + ", ".join(f"{name} {count}" for name, count in stops.most_common())
     )
 

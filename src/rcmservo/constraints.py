@@ -76,11 +76,6 @@ def positive(what: str = "number") -> Limit:
     return Limit(lambda x: 0.0 < x < math.inf, f"a positive {what}")
 
 
-def positive_or_inf(what: str = "number") -> Limit:
-    """Return the limit to numbers above 0, infinity included."""
-    return Limit(lambda number: number > 0.0, f"a positive {what}, or inf")
-
-
 def not_negative(what: str = "number") -> Limit:
     """Return the limit to finite numbers of at least 0."""
     return Limit(lambda x: 0.0 <= x < math.inf, f"a {what} that is not negative")

@@ -225,7 +225,7 @@ class Target:
         Raw markers (2, 2) in px. Row 0 is marker 1, the one nearer the RCM; the columns are (u, v).
     q : Floats
         Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. In a direction that the
-        image hardly shows the servo moves to them, as ``joint_deviation`` of the controller
+        image hardly shows the servo moves to them, as ``joint_trust`` of the controller
         determines. It also compares them to detect a pose that only looks like the target, and
         stops.
     taught_at : int

@@ -17,9 +17,9 @@ from rcmservo.constraints import (
     above,
     angles,
     between,
+    not_negative,
     one_of,
     positive,
-    positive_or_inf,
     three_positive,
 )
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
@@ -78,10 +78,10 @@ class SaturatedController(Checked, section="controller"):
         Speed limit of both markers and of the tip while exploring and servoing, mm/s, positive.
     tip : float
         Distance from marker 2 to the tip, mm, from 0 to 1000.
-    joint_deviation : float
-        Standard deviation (mm) with which the joints of teaching count as a measurement of the
-        target, positive. They decide in a direction that the image hardly shows; inf: the image
-        alone decides.
+    joint_trust : float
+        Trust in the joints of teaching as a measurement of the target, 1/mm, not negative: the
+        reciprocal of their standard deviation. They decide in a direction that the image hardly
+        shows. With 0 the image alone decides, as in the paper.
     max_condition : float
         Condition number of the Jacobian, with its rows in units of 10° and 10 px, above 1, beyond
         which its inverse is strongly damped. Damping begins at half of it.
@@ -126,7 +126,7 @@ class SaturatedController(Checked, section="controller"):
     potential: Literal["continuous", "printed"] = "continuous"
     max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
     tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
-    joint_deviation: Annotated[float, positive_or_inf("number of mm")] = 1.0
+    joint_trust: Annotated[float, not_negative("number per mm")] = 1.0
     max_condition: Annotated[float, above(1.0)] = 150.0
 
     @cached_property

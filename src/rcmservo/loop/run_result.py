@@ -256,7 +256,8 @@ class RunResult:
     pose_error_mm : float or None
         Error ‖p₂ − p_d‖ of marker 2's position at the end, by the simulation's ground truth, mm.
     bound_mm : float or None
-        Cramér-Rao bound, the smallest root mean square that the pose error can have, mm.
+        Cramér-Rao bound, the smallest root mean square that the pose error can have by the image
+        alone, mm. The joints of teaching can reduce it further.
     pose : FinalPose
         Position of marker 2 at the end, and its distance from the taught one by image and joints.
     drives : DriveResponse or None

@@ -7,6 +7,7 @@ from typing import Annotated
 from rcmservo.constraints import (
     FRACTION,
     Checked,
+    Limit,
     Triple,
     above,
     angles,
@@ -14,13 +15,13 @@ from rcmservo.constraints import (
     between,
     not_negative,
     positive,
-    positive_or_inf,
     three_positive,
 )
 
 UP_TO_1_S = above(0.0, 1.0, "a time", "s")
 POSITIVE_S = positive("time in s")
 POSITIVE_MM = positive("length in mm")
+POSITIVE_MM_OR_INF = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
 POSITIVE_PX = positive("number of px")
 POSITIVE = positive()
 COUNT_TO_1000 = between(1, 1000, "a whole number")
@@ -269,7 +270,7 @@ class Thresholds(Checked, section="thresholds"):
     stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0
     max_target_deviation: Annotated[float, POSITIVE] = 6.0
     target_error_fraction: Annotated[float, FRACTION] = 0.1
-    max_target_mismatch: Annotated[float, positive_or_inf("number of mm")] = 2.0
+    max_target_mismatch: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
     target_mismatch_time: Annotated[float, POSITIVE_S] = 0.2
 
     max_single_marker_deviation: Annotated[float, not_negative("number of mm")] = 1.5

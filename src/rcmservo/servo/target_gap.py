@@ -6,10 +6,10 @@ there. By the image the target m_d (4,) px is off these joints by
 
     gap = (HᵀH + λ I)⁻¹ Hᵀ (m_d − h − r)    mm
 
-The servo aims at h + r + H gap instead of m_d. With λ = (s f / σ)² the joints of teaching count as
-a measurement of the target with the standard deviation σ (mm), in addition to the image, whose
-errors are s (mm): the rms of the residuals on the way. f is the largest px per mm. Where the image
-is sharp, it decides; in a direction that it hardly shows, the joints do.
+The servo aims at h + r + H gap instead of m_d. With λ = (s f w)² the joints of teaching count as a
+measurement of the target with the standard deviation 1/w (mm), the trust w in them being a setting.
+The image counts with errors of s (mm), the rms of the residuals on the way. f is the largest px per
+mm. Where the image is sharp, it decides; in a direction that it hardly shows, the joints do.
 
 The gap is also a prediction of where the tool will stop. A camera that moves or a marker that
 slides changes the residuals, so that the gap grows while the tool still moves. At the target the
@@ -94,10 +94,9 @@ def aim_at_target(tick: TickContext) -> None:
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
     fit, aim = stored.projection_fit, stored.decision.aim
-    deviation_mm = parameters.controller.joint_deviation
     copy_into(aim, setpoint.points)
-    has_joints = not np.isnan(setpoint.q[0])
-    if not (has_joints and stored.exploration_state.is_done and deviation_mm < np.inf):
+    helps = parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
+    if not (helps and stored.exploration_state.is_done):
         return
     shaft = make_tool_struct(parameters)
     p1_d = compute_position_tuple(make_rcm_struct(parameters), setpoint.q)
@@ -115,9 +114,9 @@ def aim_at_target(tick: TickContext) -> None:
 
 @compiled
 def select_damping(tick: TickContext, arm_error_mm: float) -> float:
-    """Return s/σ, the damping of the gap that the servo aims with; 0 without joints of teaching."""
-    deviation_mm = tick.parameters.controller.joint_deviation
-    return 0.0 if np.isnan(tick.setpoint.q[0]) else arm_error_mm / deviation_mm
+    """Return s w, the damping of the gap that the servo aims with; 0 without joints of teaching."""
+    trust = tick.parameters.controller.joint_trust
+    return 0.0 if np.isnan(tick.setpoint.q[0]) else arm_error_mm * trust
 
 
 @compiled

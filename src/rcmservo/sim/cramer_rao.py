@@ -15,7 +15,8 @@ least
     Σ = noise² (1/frames + 1/shown) (HᵀH)⁻¹    (3, 3) mm².
 
 H is that of the true camera with its distortion. The bound therefore serves to assess a run, and no
-servo may use it. A biased servo, which knows in advance where the target may be, can be below it.
+servo may use it. It is that of the image alone: a servo that also uses the joints of teaching can
+be below it.
 
 C. R. Rao, "Information and the accuracy attainable in the estimation of statistical parameters",
 Bull. Calcutta Math. Soc. 37, 1945; H. Cramér, Mathematical Methods of Statistics, 1946.

@@ -14,7 +14,7 @@ from rcmservo.constraints import find_choices
 from rcmservo.page.selected_settings import EDITABLE_PARTS, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
-UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
+UNIT_PATTERN = r"(?:1/mm|1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
 """Pattern of a unit."""
 UNIT_IN_TEXT = re.compile(
     rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)"

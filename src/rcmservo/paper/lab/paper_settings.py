@@ -18,10 +18,12 @@ from rcmservo.sim import SceneSettings
 TEACHING_FRAMES = 30
 """Frames over which a taught target is averaged; the numbers of the claims depend on it."""
 
-PAPER_CONTROLLER = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
+PAPER_CONTROLLER = SaturatedController(
+    gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0), joint_trust=0.0
+)
 """Controller (31)-(32) with the paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
 
-FAST_CONTROLLER = SaturatedController(gain=2.0)
+FAST_CONTROLLER = SaturatedController(gain=2.0, joint_trust=0.0)
 """Controller (31)-(32) with k = 2 and the default b."""
 
 FAST_ESTIMATOR = ProjectionEstimator()
