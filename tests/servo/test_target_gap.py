@@ -23,6 +23,7 @@ from rcmservo.sim.camera_kernels import CameraStruct
 from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.kernel_engine import StudyGoal
+from rcmservo.study.plan.distribution import load_built_in
 from rcmservo.study.run_outcome import StudyRun
 from rcmservo.tracking import PointMarkers
 
@@ -76,6 +77,30 @@ def test_the_image_alone_is_less_accurate_on_an_imperfect_arm() -> None:
     """The opposite of the above: without the joints as many runs of a good arm fail as before."""
     assert count_near("good", ALONE, range(41000, 41200)) <= 194
     assert count_near("ideal", ALONE, range(41000, 41200)) >= 196
+
+
+@cache
+def hard_engine(trust: float) -> CompiledEngine:
+    """Return the engine of scenes with a singular surface near the path."""
+    _, settings = load_built_in("hard").draw(0)
+    controller = SaturatedController(joint_trust=trust)
+    servo = rs.Servo(settings.mechanism, settings.tool, controller=controller)
+    return CompiledEngine(servo, settings, duration=12.0)
+
+
+def test_the_joints_lead_back_from_a_detour_and_from_a_pose_that_looks_the_same() -> None:
+    """The image alone leads away by up to 100 mm, and half of the runs do not arrive."""
+    helped = [hard_engine(1.0).run(seed) for seed in range(45000, 45030)]
+    alone = [hard_engine(0.0).run(seed) for seed in range(45000, 45030)]
+    near, near_alone = (sum(run.pose_error <= 1.0 for run in runs) for runs in (helped, alone))
+    assert near >= 28 and near_alone <= 24
+    assert max(map(growth, helped)) < 15.0 < max(map(growth, alone))
+
+
+def growth(run: StudyRun) -> float:
+    """Return how far the error grows after the exploration, mm."""
+    errors = run.error[round(run.explored * run.rate) :]
+    return float((errors - np.minimum.accumulate(errors)).max())
 
 
 def move_insertion(seed: int, goal: StudyGoal) -> StudyGoal:

@@ -25,12 +25,16 @@ class TargetProgress(Row):
         "True if the fit contradicts the pixels of the target at its joints"
     )
     aim: Floats = reals((2, 2), "px", "markers that the servo aims at")
+    goal: Floats = reals(3, "mm", "marker 1 at the target by image and joints, NaN if unknown")
+    returns: bool = flag("True while the tool moves to the goal by the joints")
+    has_returned: bool = flag("True if it has done so for this target")
     predicted_target: Floats = reals(
         (2, 2), "px", "markers at the joints of the target, by the fit"
     )
     nearest_mm: float = real(
         "mm", "least distance from the joints of teaching in the motion to the target"
     )
+    detour_mm: float = real("mm", "motion away from the joints of teaching since then")
     gap_since: int = whole("ns", "time since which the tool will stop elsewhere, or NEVER_NS")
     contradicted_since: int = whole(
         "ns", "time since which the image alone contradicts the joints, or NEVER_NS"

@@ -29,7 +29,13 @@ from rcmservo.servo.kernel_parameters import (
     make_rcm_struct,
     make_tool_struct,
 )
-from rcmservo.servo.target_gap import bound_pose, image_contradicts_joints, watch_arrival
+from rcmservo.servo.target_gap import (
+    bound_pose,
+    compute_goal_distance,
+    image_contradicts_joints,
+    start_return,
+    watch_arrival,
+)
 
 ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
@@ -92,7 +98,7 @@ def watch_target(tick: TickContext) -> None:
     had_arrived = decision.has_arrived and not setpoint.is_new
     remaining_mm = average_distance(tick)
     is_near = had_arrived or remaining_mm < ARRIVAL_DISTANCE_MM
-    if decision.mode.phase != SERVO or not is_near:
+    if decision.mode.phase != SERVO or not is_near or decision.returns:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
         decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
         return
@@ -100,8 +106,9 @@ def watch_target(tick: TickContext) -> None:
     distance_mm = compute_larger_marker_distance(tick.observation.q, setpoint.q, parameters)
     excess_mm = distance_mm - compute_allowed_distance(tick, distance_mm)
     decision.has_arrived = not setpoint.is_new and (had_arrived or excess_mm < 0.0)
-    is_elsewhere = excess_mm > min(remaining_mm, ARRIVAL_DISTANCE_MM)
-    if not (is_elsewhere or contradicts_for_long(tick)):
+    goal_excess_mm = compute_goal_distance(tick) - parameters.thresholds.max_target_mismatch
+    is_elsewhere = max(excess_mm, goal_excess_mm) > min(remaining_mm, ARRIVAL_DISTANCE_MM)
+    if not (is_elsewhere or contradicts_for_long(tick)) or (is_elsewhere and start_return(tick)):
         decision.mismatch_since = NEVER_NS
     elif decision.mismatch_since == NEVER_NS:
         decision.mismatch_since = tick.observation.now
@@ -188,7 +195,10 @@ def compare_target_with_fit(tick: TickContext) -> None:
     decision.is_unchecked = is_checked and not has_joints
     if not (is_checked and has_joints):
         return
-    is_excused = update_detour(tick) <= MAX_DETOUR_MM
+    update_detour(tick)
+    is_excused = decision.detour_mm <= MAX_DETOUR_MM
+    if decision.mode.phase == SERVO and not is_excused:
+        start_return(tick)
     if not stored.exploration_state.fit_is_known:
         return
     q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
@@ -237,8 +247,8 @@ def compute_model_error(length_px: float, px_per_mm: float, thresholds: Threshol
 
 
 @compiled
-def update_detour(tick: TickContext) -> float:
-    """Return how far (mm) the tool has moved away from the joints of teaching.
+def update_detour(tick: TickContext) -> None:
+    """Store how far (mm) the tool has moved away from the joints of teaching.
 
     It counts from the nearest point since the motion to the target began.
     """
@@ -246,7 +256,7 @@ def update_detour(tick: TickContext) -> float:
     distance_mm = compute_larger_marker_distance(tick.observation.q, setpoint.q, tick.parameters)
     is_moving = decision.mode.phase in (ACQUIRE, SERVO, HOLD) and not setpoint.is_new
     decision.nearest_mm = min(decision.nearest_mm, distance_mm) if is_moving else distance_mm
-    return distance_mm - decision.nearest_mm
+    decision.detour_mm = distance_mm - decision.nearest_mm
 
 
 @compiled

@@ -37,10 +37,16 @@ from rcmservo.estimation.camera_fit_prediction import (
     compute_marker_order_score,
 )
 from rcmservo.geometry.features import wrap_angle
-from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blocking_joint
+from rcmservo.geometry.kinematics import (
+    Point,
+    compute_point_distance,
+    compute_position_tuple,
+    find_blocking_joint,
+)
+from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.innovation import is_plausible_fit
-from rcmservo.safety.state_machine import ACQUIRE, SERVO
+from rcmservo.safety.state_machine import ACQUIRE, HOLD, SERVO
 from rcmservo.servo.collect_causes import compare_target_with_fit
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
@@ -50,6 +56,9 @@ from rcmservo.servo.kernel_parameters import (
 )
 from rcmservo.servo.state import Workspace, request_rest, restart_stall_rule
 from rcmservo.servo.update_estimate import FRAME_UPDATES
+
+RETURN_END_MM = 1.0
+"""Distance (mm) from the goal at which a return by the joints ends."""
 
 MAX_CONDITION_RATIO = 0.5
 """Largest condition of eq. (16) at the end of exploration, as a ratio of its limit.
@@ -90,6 +99,8 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     p1 = compute_position_tuple(rcm, predict_joints_after_lag(tick))
     predict_error(estimate, p1)
     output, error = evaluate_controller(estimate, p1, parameters, tick.stored.workspace)
+    if continue_return(tick, p1):
+        output, is_servoing = approach_goal(decision.goal, p1, output, controller.gain), False
     max_speed = choose_speed_cap(controller, decision.is_unchecked)
     cap_tool_speed(
         decision.v, output.v, make_tool_struct(parameters), p1, controller.tip, max_speed
@@ -109,6 +120,28 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     if error < largest_error - decrease or not is_servoing:
         largest_error, decision.reference_time = error, observation.now
     decision.reference_error = largest_error
+
+
+@compiled
+def continue_return(tick: TickContext, p1: Point) -> bool:
+    """Return True while the tool at p1 mm returns to the goal by the joints."""
+    decision, setpoint = tick.stored.decision, tick.setpoint
+    goal = decision.goal[0], decision.goal[1], decision.goal[2]
+    is_moving = decision.mode.phase in (SERVO, HOLD) and not setpoint.is_new
+    decision.has_returned = decision.has_returned and not setpoint.is_new
+    is_far = compute_point_distance(p1, goal) > RETURN_END_MM
+    decision.returns = decision.returns and is_moving and is_far
+    return decision.returns
+
+
+@compiled
+def approach_goal(
+    goal: Floats, p1: Point, output: ControllerOutput, gain: float
+) -> ControllerOutput:
+    """Return v = k (goal − p₁) in place of the output of the controller with the gain k."""
+    x, y, z = goal[0] - p1[0], goal[1] - p1[1], goal[2] - p1[2]
+    distance = np.sqrt(x * x + y * y + z * z)
+    return ControllerOutput((gain * x, gain * y, gain * z), output.condition, 1.0, distance)
 
 
 @compiled

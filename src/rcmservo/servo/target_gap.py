@@ -33,6 +33,7 @@ from rcmservo.numerics.small_linalg import (
     compute_norm,
     copy_into,
     dot,
+    fill,
     multiply_matrices,
 )
 from rcmservo.numerics.small_solvers import invert
@@ -87,14 +88,15 @@ TEACHING_FRAMES = 30.0
 
 @compiled
 def aim_at_target(tick: TickContext) -> None:
-    """Write the markers (2, 2) raw px that the servo aims at, `decision.aim`.
+    """Write the markers (2, 2) raw px that the servo aims at, and marker 1 (3,) mm there.
 
     Before the end of the exploration, without joints of teaching, or if the controller trusts the
-    image alone, these are the taught ones.
+    image alone, `decision.aim` are the taught markers and `decision.goal` is NaN.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, aim = stored.projection_fit, stored.decision.aim
+    fit, aim, goal = stored.projection_fit, stored.decision.aim, stored.decision.goal
     copy_into(aim, setpoint.points)
+    fill(goal, np.nan)
     helps = parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
     if not (helps and stored.exploration_state.is_done):
         return
@@ -106,10 +108,34 @@ def aim_at_target(tick: TickContext) -> None:
         return
     expected = expect_taught_markers(fit, p1_d, shaft, fit.offset)
     gap = compute_gap(P, setpoint.points, expected)
+    for j in range(3):
+        goal[j] = p1_d[j] + gap[j]
     for k in range(4):
         aim[k // 2, k % 2] = expected[k]
         for j in range(3):
             aim[k // 2, k % 2] += H[k, j] * gap[j]
+
+
+@compiled
+def start_return(tick: TickContext) -> bool:
+    """Let the tool return to the goal by the joints, once for a target; return True if it does.
+
+    The image leads to another pose that looks the same, or on a long detour.
+    """
+    decision, max_mm = tick.stored.decision, tick.parameters.thresholds.max_target_mismatch
+    if compute_goal_distance(tick) > max_mm and not decision.has_returned:
+        decision.returns = decision.has_returned = True
+    return decision.returns
+
+
+@compiled
+def compute_goal_distance(tick: TickContext) -> float:
+    """Return the distance (mm) of marker 1 from the goal by the joints, 0 if it is unknown."""
+    goal = tick.stored.decision.goal
+    if np.isnan(goal[0]):
+        return 0.0
+    p1 = compute_position_tuple(make_rcm_struct(tick.parameters), tick.observation.q)
+    return compute_point_distance(p1, (goal[0], goal[1], goal[2]))
 
 
 @compiled
@@ -271,7 +297,8 @@ def bound_pose(tick: TickContext) -> float:
 
     R (4, 4) px² contains the noise of the residuals and of the target, and errors e (mm) of arm and
     tool. e is the rms of the residuals on the way without half of their noise, of which the fit has
-    absorbed a part. The joints, which decide in the directions of B, have the error 2 e.
+    absorbed a part. The joints, which decide in the directions of B, have the error 2 e. The
+    distance that is left to the goal is added.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
     fit, shaft = stored.projection_fit, make_tool_struct(parameters)
@@ -299,4 +326,4 @@ def bound_pose(tick: TickContext) -> float:
             C[i, j] += joint_squared_mm * dot(B[i], B[j])
     for i in range(3):
         variance += bilinear_form(C, T[i], T[i])
-    return BOUND_FACTOR * np.sqrt(variance)
+    return BOUND_FACTOR * np.sqrt(variance) + compute_goal_distance(tick)
