@@ -595,11 +595,11 @@ def run_steps():
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
         p_d = rcm.position(q + np.array([0.05, -0.04, 6.0]))
         target = Target(pixels(C, p_d), rcm.joints(p_d), sizes=radii(C, p_d))
-        state, phases = servo.init(), []
+        state, phases, executed = servo.init(), [], np.zeros(3)
         rates, J, delta = [], [], []
         for k in range(1, 75):
             time = 20_000_000 * k
-            applied, points = state.command.rates, pixels(C, rcm.position(q))
+            applied, points = executed, pixels(C, rcm.position(q))
             if k in (60, 61):  # frames that are rejected
                 points = points + 30.0
             sizes = radii(C, rcm.position(q))
@@ -610,7 +610,10 @@ def run_steps():
             frame = (k, time, time, q, points)
             observation = Observation(time, q, time, True, applied, *frame, sizes=sizes)
             state = servo.step(state, observation, target)
-            q = q + 0.02 * state.command.rates
+            executed = state.command.rates
+            if name == "points" and 50 <= k < 66:  # a detour, from which the joints lead back
+                executed = np.array([0.0, 0.0, 60.0])
+            q = q + 0.02 * executed
             phases.append(list(Phase).index(state.phase))
             rates.append(state.command.rates)
             if k > 24:  # before, weakly observed directions amplify rounding

@@ -133,10 +133,10 @@ class ConstantJacobianMethod(Method):
 
 FAST = EstimatingMethod("the projection-based method with fast Γ (k = 2)", "fast Γ", FAST_ESTIMATOR)
 DEFAULT = EstimatingMethod(
-    "the default of rcmservo (whole projection, k = 8)",
+    "the default of rcmservo (whole projection, k = 8), by the image alone",
     "default",
     DltEstimator(),
-    controller=SaturatedController(),
+    controller=SaturatedController(joint_trust=0.0),
 )
 RCMSERVO_METHODS = {"fast": FAST, "default": DEFAULT}
 """The two methods of rcmservo that the claims concern."""
