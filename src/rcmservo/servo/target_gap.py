@@ -68,7 +68,7 @@ RETURN_DEVIATION_MM = 0.3
 
 BOUND_FACTOR = 1.2
 """Bound of the pose with a probability of 95 %, in standard deviations of its three coordinates
-together. It covers 95 to 97 % of simulated runs with ideal, good and worn arms."""
+together. It covers 93 to 96 % of simulated runs with ideal, good and worn arms."""
 
 BOUND_TEACHING_FRAMES = 300.0
 """Number of frames in a target by default, whose noise the bound contains."""
