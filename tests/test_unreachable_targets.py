@@ -16,6 +16,9 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 
 OPTIONS = ["--no-video", "--json", "--teaching-frames", "10"]
+IMAGE_ALONE = ["--controller.joint-trust", "0"]
+"""With the joints of teaching the tool reaches the target at a singular surface."""
+
 UNREACHABLE_TARGETS = {
     "a marker leaves the image": (
         """
@@ -61,7 +64,7 @@ def test_an_unreachable_target(
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
     arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "6", *OPTIONS]
-    assert main([*arguments, "--out", str(out)]) == 1
+    assert main([*arguments, *IMAGE_ALONE, "--out", str(out)]) == 1
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["settled"] is False
     assert metrics["settle_time_s"] is None
@@ -76,6 +79,19 @@ def test_an_unreachable_target(
     else:
         moved = np.linalg.norm(np.diff(rows.truth["p1"][-10:], axis=0), axis=1) * 100.0
         assert rows.phase[-1] == "SERVO" and moved.max() < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
+def test_the_joints_of_teaching_lead_to_a_target_at_a_singular_surface(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, seed, _ = UNREACHABLE_TARGETS["at a singular surface"]
+    rig = tmp_path / "rig.toml"
+    rig.write_text(text)
+    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "6", *OPTIONS]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert json.loads(capsys.readouterr().out)["pose_error_mm"] < 1.0
 
 
 @pytest.mark.slow
