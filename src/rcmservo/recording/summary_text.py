@@ -43,6 +43,7 @@ def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
         ("at the end", result.remark),
         ("settle time", _format_number(result.settle_time_s, "s", 2)),
         ("marker 2 to its taught position", _describe_final_pose(result.pose)),
+        ("true distance, estimated bound (95 %)", _format_number(result.pose.bound_mm, "mm", 2)),
         ("feature error (rms, last second)", _format_feature_error(result.feature_error)),
         ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
         ("exploration", _format_exploration(result.explore)),
@@ -120,7 +121,6 @@ def _describe_final_pose(pose: run_result.FinalPose) -> str:
     return _join(
         f"{by_image} {deviation} by the image" if by_image else "",
         _format_number(pose.by_joints_mm, "mm by the joints", 3),
-        _format_number(pose.bound_mm, "mm (95 %)", 2, "true within "),
     )
 
 

@@ -30,6 +30,7 @@ from rcmservo.servo.kernel_parameters import (
     make_tool_struct,
 )
 from rcmservo.servo.target_gap import (
+    TEACHING_FRAMES,
     bound_pose,
     compute_goal_distance,
     image_contradicts_joints,
@@ -40,16 +41,14 @@ from rcmservo.servo.target_gap import (
 ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
 
-ASSUMED_TEACHING_FRAMES = 30.0
-"""Number of frames that are assumed to be averaged in a target."""
-
 CONTRADICTION_TIMES = 4.0
 """Time for which the image alone must contradict the joints, in `target_mismatch_time`."""
 
 MAX_DETOUR_MM = 10.0
 """Motion (mm) away from the joints of teaching up to which errors of the model are excused.
 
-Without disturbances one run of 200 makes a longer detour with `dlt`, one of 60 with `projection`.
+After a longer one the tool returns by the joints. Without disturbances one run of 200 would make
+one with `dlt`, one of 60 with `projection`.
 """
 
 MISMATCH_FRACTION = 0.5
@@ -92,12 +91,15 @@ def watch_target(tick: TickContext) -> None:
 
     They disagree if the image reports the target as reached, or leads the tool away from it again,
     but the joints differ from those at teaching by more than noise explains; or if the target is
-    elsewhere by the image alone.
+    elsewhere by the image alone. If the joints differ, or after a detour, the tool first returns by
+    the joints, once for each target.
     """
     decision, setpoint, parameters = tick.stored.decision, tick.setpoint, tick.parameters
     had_arrived = decision.has_arrived and not setpoint.is_new
     remaining_mm = average_distance(tick)
     is_near = had_arrived or remaining_mm < ARRIVAL_DISTANCE_MM
+    if decision.mode.phase == SERVO and decision.detour_mm > MAX_DETOUR_MM:
+        start_return(tick)
     if decision.mode.phase != SERVO or not is_near or decision.returns:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
         decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
@@ -146,7 +148,7 @@ def compute_allowed_distance(tick: TickContext, distance_mm: float) -> float:
     p1_d = compute_position_tuple(make_rcm_struct(parameters), tick.setpoint.q)
     frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
     noise_mm = compute_pose_deviation(fit, p1_d, make_tool_struct(parameters))
-    noise_mm *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
+    noise_mm *= np.sqrt(1.0 / frames + 1.0 / TEACHING_FRAMES)
     return allowed_mm + NOISE_SIGMAS * noise_mm
 
 
@@ -197,8 +199,6 @@ def compare_target_with_fit(tick: TickContext) -> None:
         return
     update_detour(tick)
     is_excused = decision.detour_mm <= MAX_DETOUR_MM
-    if decision.mode.phase == SERVO and not is_excused:
-        start_return(tick)
     if not stored.exploration_state.fit_is_known:
         return
     q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])

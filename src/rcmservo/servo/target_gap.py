@@ -120,7 +120,7 @@ def aim_at_target(tick: TickContext) -> None:
 def start_return(tick: TickContext) -> bool:
     """Let the tool return to the goal by the joints, once for a target; return True if it does.
 
-    The image leads to another pose that looks the same, or on a long detour.
+    The caller has found that the image leads to another pose that looks the same, or on a detour.
     """
     decision, max_mm = tick.stored.decision, tick.parameters.thresholds.max_target_mismatch
     if compute_goal_distance(tick) > max_mm and not decision.has_returned:
