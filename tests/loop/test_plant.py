@@ -227,6 +227,42 @@ def test_joints_before_the_oldest_stored_measurement_are_unknown() -> None:
     assert observation.frame == frame.number and np.isnan(observation.q_exposure).all()
 
 
+@pytest.mark.parametrize(
+    ("pause_s", "moves", "is_used"), [(0.02, False, True), (0.3, False, True), (0.1, True, False)]
+)
+def test_frames_are_ignored_that_show_a_motion_without_readings(
+    pause_s: float, moves: bool, is_used: bool
+) -> None:
+    """Interpolated joints would be those of a straight motion."""
+    lab = make_laboratory()
+    plant, clock = lab.plant, lab.rig.clock
+    for _ in rs.ticks(clock, rate=100.0, duration=0.1):
+        before = plant.read()
+    if moves:
+        lab.rig.arm.place(before.q + 0.2)
+    clock.wait_until(clock.now() + round(pause_s * 1e9))
+    frame, after = lab.rig.camera.latest(), plant.read()
+    assert frame.exposure < clock.now()
+    assert (after.frame > before.frame) == is_used
+
+
+def test_an_own_loop_may_begin_right_after_the_tool_is_moved_by_hand() -> None:
+    """A plant that nobody resets must not pair the first frame with joints of the motion."""
+    lab, servo = make_laboratory(4), rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
+    rig = lab.rig
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    rig.move_to_target()
+    target = rs.teach(plant, frames=30)
+    rig.go_home()
+    plant.enable()
+    state, phases = servo.init(), set[rs.Phase]()
+    for _ in rs.ticks(rig.clock, rate=100.0, duration=4.0):
+        state = servo.step(state, plant.read(), target)
+        plant.send(state.command)
+        phases.add(state.phase)
+    assert rs.Phase.PAUSED not in phases and state.phase is rs.Phase.SERVO
+
+
 def test_an_observation_contains_the_sizes_of_detected_markers() -> None:
     lab = make_laboratory()
     points = np.array([[100.0, 50.0], [np.nan, np.nan]])

@@ -5,7 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from changed_frames import ChangedCamera, ChangeFrame, misplace_marker, release_joint
+from changed_frames import (
+    ChangedCamera,
+    ChangeFrame,
+    freeze_with_noise,
+    misplace_marker,
+    release_joint,
+)
 
 import rcmservo as rs
 from conftest import ESTIMATORS, Laboratory, make_laboratory, make_random
@@ -71,6 +77,20 @@ def test_a_frozen_image_still_stops_the_tool(start: int) -> None:
         [lab.servo().position_of_marker_1(t.observation.q) for t in ticks[begun:]], axis=0
     )
     assert np.linalg.norm(path_mm, axis=1).sum() < 6.0
+
+
+def test_a_tool_at_the_target_stays_there_while_a_noisy_image_freezes() -> None:
+    """The image still answers to noise, and shows the same error wherever the tool is."""
+    errors_mm = []
+    for seed in range(13040, 13060):
+        lab = make_laboratory(seed, rs.sim.RigSettings(point_noise=0.3))
+        start = lab.rig.clock.now() + 4_000_000_000
+        change = freeze_with_noise(0.1)(make_random(seed), lab.rig, start)
+        ticks = run(change_camera(lab, change), lab, 20.0)
+        is_stopped = ticks[-1].state.phase is not rs.Phase.SERVO
+        errors_mm.append(0.0 if is_stopped else measure_error_mm(ticks, lab))
+    assert np.count_nonzero(errors_mm) >= 10
+    assert max(errors_mm) < 1.5
 
 
 def test_a_tracker_of_whole_pixels_is_not_taken_for_a_frozen_camera() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.interfaces import (
+    NEVER_NS,
     Arm,
     ArmMeasurement,
     Camera,
@@ -25,6 +26,12 @@ from rcmservo.safety.innovation import MAX_PIXEL_COORDINATE
 
 JOINT_HISTORY = 256
 """Number of joint measurements that the plant stores."""
+
+MAX_READING_GAP_NS = 80_000_000
+"""Time in ns between two readings of the joints over which a motion may be interpolated."""
+
+MAX_UNREAD_MOTION = np.array([0.005, 0.005, 0.5])
+"""Motion of the joints in rad, rad, mm that counts as none."""
 
 MAX_FRAME_AGE_NS = 2_000_000_000
 """Largest plausible time in ns from a frame's exposure to its arrival, and from there to now."""
@@ -46,8 +53,10 @@ class NotEnabled(RcmServoError):
 class Plant:
     """Arm, camera, tracker and clock behind one interface: `read` observes, `send` commands.
 
-    The plant stores recent joint values to interpolate them at the exposure of a frame. It drops
-    frames that are damaged, are not new, or have impossible times. A time is impossible if the
+    The plant stores recent joint values to interpolate them at the exposure of a frame. It ignores
+    frames that were exposed before the first reading, or while the tool moved and nobody read the
+    joints for more than 80 ms: it may have moved on any path meanwhile. It drops frames that are
+    damaged, are not new, or have impossible times. A time is impossible if the
     frame arrived before its exposure or more than 2 s after it, if the arrival is in the future or
     more than 2 s ago, or if the exposure is not later than that of the previous frame. The plant
     checks the first value that each method of a device returns.
@@ -97,7 +106,7 @@ class Plant:
     def _forget_frames(self) -> None:
         self.markers: Markers | None = None
         self.frame: Frame | None = None
-        self._frame_number = -1
+        self._frame_number, self._last_reading = -1, (NEVER_NS, np.full(3, np.inf))
         self._drop_reason = DropReason.NONE
         self._valid_from = np.inf
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
@@ -129,7 +138,7 @@ class Plant:
         time, q, enabled = self._measure()
         q = q.copy()  # a device may reuse one array
         self._joints.add(time, q)
-        if self._valid_from == np.inf:
+        if self._has_moved_unread(q):
             self._valid_from = time
         newest_frame = self.camera.latest()
         if newest_frame is not None and newest_frame is not self._newest_frame:
@@ -163,6 +172,13 @@ class Plant:
         self.tracker.reset()
         self._joints.clear()
         self._forget_frames()
+
+    def _has_moved_unread(self, q: Floats) -> bool:
+        """Return True if the tool has moved to the joints q (3,) with no reading on the way."""
+        (last_time, last_q), now = self._last_reading, self.clock.now()
+        self._last_reading = now, q
+        has_moved = bool((np.abs(q - last_q) > MAX_UNREAD_MOTION).any())
+        return has_moved and now - last_time > MAX_READING_GAP_NS
 
     def send(self, command: Command) -> Floats:
         """Send a command to the arm and return the joint rates that it applies.

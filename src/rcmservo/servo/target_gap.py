@@ -8,8 +8,9 @@ there. By the image the target m_d (4,) px is off these joints by
 
 The servo aims at h + r + H gap instead of m_d. With λ = (s f w)² the joints of teaching count as a
 measurement of the target with the standard deviation 1/w (mm), the trust w in them being a setting.
-The image counts with errors of s (mm), the rms of the residuals on the way. f is the largest px per
-mm. Where the image is sharp, it decides; in a direction that it hardly shows, the joints do.
+The image counts with errors of s (mm), the rms of the residuals on the way, but at least 0.1 mm. f
+is the largest px per mm. Where the image is sharp, it decides; in a direction that it hardly shows,
+the joints do.
 
 The gap is also a prediction of where the tool will stop. A camera that moves or a marker that
 slides changes the residuals, so that the gap grows while the tool still moves. At the target the
@@ -79,6 +80,13 @@ JOINT_ERROR_RATIO = 2.0
 NEAR_MM = 5.0
 """Distance (mm) from the taught position at which the approach ends."""
 
+MIN_IMAGE_ERROR_MM = 0.1
+"""Smallest error s (mm) of the image.
+
+With a smaller one the joints would not hold the tool at the target if the image freezes: its error
+of a fraction of a px would lead the tool away in a direction that the image hardly shows.
+"""
+
 MIN_SAMPLE_MM = 0.3
 """Motion of marker 1 (mm) between two samples of the residuals."""
 
@@ -142,7 +150,8 @@ def compute_goal_distance(tick: TickContext) -> float:
 def select_damping(tick: TickContext, arm_error_mm: float) -> float:
     """Return s w, the damping of the gap that the servo aims with; 0 without joints of teaching."""
     trust = tick.parameters.controller.joint_trust
-    return 0.0 if np.isnan(tick.setpoint.q[0]) else arm_error_mm * trust
+    image_error_mm = max(arm_error_mm, MIN_IMAGE_ERROR_MM)
+    return 0.0 if np.isnan(tick.setpoint.q[0]) else image_error_mm * trust
 
 
 @compiled
@@ -229,10 +238,12 @@ def arrives_elsewhere(tick: TickContext) -> bool:
         return False
     expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
     gap_mm = compute_norm(compute_gap(P, setpoint.points, expected))
+    excess_mm = gap_mm - (GAP_MM + GAP_PER_WAY * way_mm)
+    if not excess_mm > 0.0:
+        return False
     C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, 0.0)
     sigmas = GAP_SIGMA_RATIO * thresholds.max_target_deviation
-    deviation_mm = np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
-    return gap_mm > GAP_MM + GAP_PER_WAY * way_mm + sigmas * deviation_mm
+    return excess_mm > sigmas * np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
 
 
 @compiled
@@ -279,11 +290,13 @@ def image_contradicts_joints(tick: TickContext) -> bool:
         return False
     expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
     gap = compute_gap(P, setpoint.points, expected)
+    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
+    if not compute_norm(gap) > max_sigma * RETURN_DEVIATION_MM:
+        return False
     arm_error_mm = ARRIVAL_ERROR_RATIO * compute_arm_error(monitor)
     C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, arm_error_mm)
     for i in range(3):
         C[i, i] += RETURN_DEVIATION_MM**2
-    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
     return invert(C) and bilinear_form(C, gap, gap) > max_sigma**2
 
 
