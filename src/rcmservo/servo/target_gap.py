@@ -10,7 +10,7 @@ The servo aims at h + r + H gap instead of m_d. With λ = (s f w)² the joints o
 measurement of the target with the standard deviation 1/w (mm), the trust w in them being a setting.
 The image counts with errors of s (mm), the rms of the residuals on the way, but at least 0.1 mm. f
 is the largest px per mm. Where the image is sharp, it decides; in a direction that it hardly shows,
-the joints do.
+the joints do. The present markers are replaced alike, with h and H at the present joints.
 
 The gap is also a prediction of where the tool will stop. A camera that moves or a marker that
 slides changes the residuals, so that the gap grows while the tool still moves. At the target the
@@ -102,26 +102,49 @@ def aim_at_target(tick: TickContext) -> None:
     image alone, `decision.aim` are the taught markers and `decision.goal` is NaN.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, aim, goal = stored.projection_fit, stored.decision.aim, stored.decision.goal
+    aim, goal = stored.decision.aim, stored.decision.goal
     copy_into(aim, setpoint.points)
     fill(goal, np.nan)
     helps = parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
     if not (helps and stored.exploration_state.is_done):
         return
-    shaft = make_tool_struct(parameters)
-    p1_d = compute_position_tuple(make_rcm_struct(parameters), setpoint.q)
-    H, P = compute_markers_jacobian(fit, p1_d, shaft), np.empty((3, 4))
-    damping = select_damping(tick, compute_arm_error(stored.monitor))
-    if not write_damped_pseudoinverse(H, damping, P):
-        return
-    expected = expect_taught_markers(fit, p1_d, shaft, fit.offset)
-    gap = compute_gap(P, setpoint.points, expected)
-    for j in range(3):
-        goal[j] = p1_d[j] + gap[j]
-    for k in range(4):
-        aim[k // 2, k % 2] = expected[k]
+    p1_d, gap = compute_position_tuple(make_rcm_struct(parameters), setpoint.q), np.zeros(3)
+    if move_to_gap(tick, p1_d, aim, gap):
         for j in range(3):
-            aim[k // 2, k % 2] += H[k, j] * gap[j]
+            goal[j] = p1_d[j] + gap[j]
+
+
+@compiled
+def move_to_gap(tick: TickContext, p1: Point, points: Floats, gap: Floats) -> bool:
+    """Replace markers (2, 2) raw px by h + r + H gap, with h, H and the gap (3,) mm at p1 mm.
+
+    Return False, with the markers as they are, if the image does not determine the gap.
+    """
+    fit, shaft = tick.stored.projection_fit, make_tool_struct(tick.parameters)
+    H, P = compute_markers_jacobian(fit, p1, shaft), np.empty((3, 4))
+    damping = select_damping(tick, compute_arm_error(tick.stored.monitor))
+    if not write_damped_pseudoinverse(H, damping, P):
+        return False
+    expected = expect_taught_markers(fit, p1, shaft, fit.offset)
+    copy_into(gap, compute_gap(P, points, expected))
+    for k in range(4):
+        points[k // 2, k % 2] = expected[k]
+        for j in range(3):
+            points[k // 2, k % 2] += H[k, j] * gap[j]
+    return True
+
+
+@compiled
+def filter_weak_directions(tick: TickContext, points: Floats) -> None:
+    """Filter the markers (2, 2) raw px of a frame in directions that the image hardly shows.
+
+    Their difference from the fit at the present joints is weighed as that of the taught markers is
+    at the joints of teaching. Otherwise slow motions of the air, for example, would move the tool
+    by more than a millimetre. Markers that the fit has predicted do not change.
+    """
+    if not np.isnan(tick.stored.decision.goal[0]):
+        p1 = tick.stored.estimate.p1
+        move_to_gap(tick, (p1[0], p1[1], p1[2]), points, np.zeros(3))
 
 
 @compiled

@@ -29,7 +29,7 @@ from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
 from rcmservo.servo.kernel_parameters import TickContext, make_tool_struct
 from rcmservo.servo.state import EstimatorMemory, Workspace
-from rcmservo.servo.target_gap import aim_at_target
+from rcmservo.servo.target_gap import aim_at_target, filter_weak_directions
 
 NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
 """Results of a frame: not accepted or not new, accepted, or accepted and used to update Ĵ."""
@@ -161,6 +161,7 @@ def store_estimate(tick: TickContext) -> None:
         workspace, markers_jacobian = stored.workspace, result.markers_jacobian
         measure_line_features(estimate, markers_jacobian, result.points, target, workspace)
     else:
+        filter_weak_directions(tick, result.points)
         copy_into(estimate.J_hat, result.J_hat)
         y, delta = compute_features_and_error(result.points, target, estimate.o_c)
         copy_into(estimate.y, y)
