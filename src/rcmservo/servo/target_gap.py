@@ -261,12 +261,10 @@ def arrives_elsewhere(tick: TickContext) -> bool:
         return False
     expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
     gap_mm = compute_norm(compute_gap(P, setpoint.points, expected))
-    excess_mm = gap_mm - (GAP_MM + GAP_PER_WAY * way_mm)
-    if not excess_mm > 0.0:
-        return False
     C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, 0.0)
     sigmas = GAP_SIGMA_RATIO * thresholds.max_target_deviation
-    return excess_mm > sigmas * np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
+    deviation_mm = np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
+    return gap_mm > GAP_MM + GAP_PER_WAY * way_mm + sigmas * deviation_mm
 
 
 @compiled
@@ -313,13 +311,11 @@ def image_contradicts_joints(tick: TickContext) -> bool:
         return False
     expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
     gap = compute_gap(P, setpoint.points, expected)
-    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
-    if not compute_norm(gap) > max_sigma * RETURN_DEVIATION_MM:
-        return False
     arm_error_mm = ARRIVAL_ERROR_RATIO * compute_arm_error(monitor)
     C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, arm_error_mm)
     for i in range(3):
         C[i, i] += RETURN_DEVIATION_MM**2
+    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
     return invert(C) and bilinear_form(C, gap, gap) > max_sigma**2
 
 
