@@ -138,8 +138,10 @@ class Plant:
         time, q, enabled = self._measure()
         q = q.copy()  # a device may reuse one array
         self._joints.add(time, q)
-        if self._has_moved_unread(q):
+        now = self.clock.now()
+        if self._has_moved_unread(now, q):
             self._valid_from = time
+        self._last_reading = now, q
         newest_frame = self.camera.latest()
         if newest_frame is not None and newest_frame is not self._newest_frame:
             self._check_first(self.camera, "latest", newest_frame)
@@ -173,10 +175,9 @@ class Plant:
         self._joints.clear()
         self._forget_frames()
 
-    def _has_moved_unread(self, q: Floats) -> bool:
+    def _has_moved_unread(self, now: int, q: Floats) -> bool:
         """Return True if the tool has moved to the joints q (3,) with no reading on the way."""
-        (last_time, last_q), now = self._last_reading, self.clock.now()
-        self._last_reading = now, q
+        last_time, last_q = self._last_reading
         has_moved = bool((np.abs(q - last_q) > MAX_UNREAD_MOTION).any())
         return has_moved and now - last_time > MAX_READING_GAP_NS
 
