@@ -43,10 +43,11 @@ def test_a_frozen_image_is_detected_before_the_pose_error_is_large() -> None:
 
 
 @pytest.mark.parametrize("seed", mark_others_slow([0, 4, 8, 19]))
-def test_a_zoom_since_teaching_is_detected_on_arrival_although_single_frames_are_noisy(seed):
+def test_a_zoom_since_teaching_is_detected_although_single_frames_are_noisy(seed):
     """In single frames the remaining distance often exceeds what counts as an arrival."""
     run = one("zoom_out", seed, "projection")
-    assert not run.settled and [cause for _, _, cause, _ in run.stops] == ["ELSEWHERE"]
+    assert not run.settled and len(run.stops) == 1
+    assert run.stops[0][2] in ("ELSEWHERE", "IMPLAUSIBLE")
 
 
 WRONGLY_TAUGHT = [

@@ -81,8 +81,11 @@ def test_a_target_that_its_joints_contradict_stops_the_tool_after_exploration(
 def test_without_the_check_a_mirrored_image_drives_the_tool_away() -> None:
     lab = make_laboratory(31)
     points = WRONG_TARGETS["mirrored left to right"](lab.target.points)
-    off = rs.Thresholds(max_target_mismatch=np.inf)
-    state, growth_mm = run_to(lab, lab.servo(thresholds=off), replace(lab.target, points=points))
+    servo = lab.servo(
+        thresholds=rs.Thresholds(max_target_mismatch=np.inf),
+        controller=rs.SaturatedController(joint_trust=0.0),
+    )
+    state, growth_mm = run_to(lab, servo, replace(lab.target, points=points))
     assert growth_mm > 9.0 and state.cause is not rs.Cause.IMPLAUSIBLE
 
 
