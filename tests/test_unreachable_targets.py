@@ -89,7 +89,7 @@ def test_the_joints_of_teaching_lead_to_a_target_at_a_singular_surface(
     text, seed, _ = UNREACHABLE_TARGETS["at a singular surface"]
     rig = tmp_path / "rig.toml"
     rig.write_text(text)
-    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "6", *OPTIONS]
+    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "10", *OPTIONS]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     assert json.loads(capsys.readouterr().out)["pose_error_mm"] < 1.0
 
