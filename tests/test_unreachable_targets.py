@@ -1,6 +1,7 @@
 """Unreachable targets: the run ends unsettled at rest, with its cause in words and exit code 1."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +92,11 @@ def test_the_joints_of_teaching_lead_to_a_target_at_a_singular_surface(
     rig.write_text(text)
     arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "10", *OPTIONS]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
-    assert json.loads(capsys.readouterr().out)["pose_error_mm"] < 1.0
+    metrics = json.loads(capsys.readouterr().out)
+    assert metrics["pose_error_mm"] < 1.0
+    rows = reader.read_record(tmp_path / "out" / "record.mcap")
+    p2, settled = rows.truth["p2"], rows.time >= metrics["settle_time_s"]
+    assert np.linalg.norm(p2[settled] - p2[-1], axis=1).max() < 6.0, "it stayed there from then on"
 
 
 @pytest.mark.slow
@@ -153,7 +158,19 @@ def test_the_outcome_names_only_the_cause_of_the_stop(
 def make_course_at_target() -> RunCourse:
     """Return 3 s without a feature error and without motion."""
     times, zeros = np.arange(300) / 100.0, np.zeros((300, 3))
-    return RunCourse(times, zeros, times, zeros, zeros, np.eye(3))
+    return RunCourse(times, zeros, times, zeros, zeros, np.eye(3), np.zeros(300))
+
+
+def test_a_tool_that_was_far_away_within_the_last_second_has_not_settled() -> None:
+    """At a singular surface the features agree along a path of many millimetres."""
+    course = make_course_at_target()
+    pose = FinalPose(by_joints_mm=0.0)
+    arrived = replace(course, distances=np.where(course.times < 1.5, 60.0, 0.0))
+    result = judge_run(arrived, 1.0, Mode(Phase.SERVO), pose)
+    assert result.settled and result.settle_time_s == 1.5
+    moving = replace(course, distances=np.where(course.times < 2.5, 60.0, 0.0))
+    result = judge_run(moving, 1.0, Mode(Phase.SERVO), pose)
+    assert not result.settled and "at the target for a second" in result.cause
 
 
 @pytest.mark.parametrize(

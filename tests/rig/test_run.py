@@ -238,7 +238,7 @@ def make_course(gain: Floats, lag_s: float) -> RunCourse:
     travel_of = lambda t: np.outer(np.sin(2.0 * (t - 5.0)), [0.2, 0.1, 20.0])  # noqa: E731
     applied = 100.0 * (travel_of(now + 0.01) - travel_of(now))
     q = np.array([0.5, 0.1, 120.0]) + gain * travel_of(np.maximum(now - lag_s, 5.0))
-    return RunCourse(now - 5.0, np.zeros_like(q), now, q, applied, np.eye(3))
+    return RunCourse(now - 5.0, np.zeros_like(q), now, q, applied, np.eye(3), np.zeros(len(now)))
 
 
 @given(st.lists(st.floats(0.8, 1.2), min_size=3, max_size=3), st.sampled_from([0.0, 0.03, 0.08]))

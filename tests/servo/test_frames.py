@@ -82,14 +82,14 @@ def test_a_frozen_image_still_stops_the_tool(start: int) -> None:
 def test_a_tool_at_the_target_stays_there_while_a_noisy_image_freezes() -> None:
     """The image still answers to noise, and shows the same error wherever the tool is."""
     errors_mm = []
-    for seed in range(13040, 13060):
+    for seed in range(13040, 13048):
         lab = make_laboratory(seed, rs.sim.RigSettings(point_noise=0.3))
         start = lab.rig.clock.now() + 4_000_000_000
         change = freeze_with_noise(0.1)(make_random(seed), lab.rig, start)
         ticks = run(change_camera(lab, change), lab, 20.0)
         is_stopped = ticks[-1].state.phase is not rs.Phase.SERVO
         errors_mm.append(0.0 if is_stopped else measure_error_mm(ticks, lab))
-    assert np.count_nonzero(errors_mm) >= 10
+    assert np.count_nonzero(errors_mm) >= 6
     assert max(errors_mm) < 1.5
 
 

@@ -56,10 +56,10 @@ class Plant:
     The plant stores recent joint values to interpolate them at the exposure of a frame. It ignores
     frames that were exposed before the first reading, or while the tool moved and nobody read the
     joints for more than 80 ms: it may have moved on any path meanwhile. It drops frames that are
-    damaged, are not new, or have impossible times. A time is impossible if the
-    frame arrived before its exposure or more than 2 s after it, if the arrival is in the future or
-    more than 2 s ago, or if the exposure is not later than that of the previous frame. The plant
-    checks the first value that each method of a device returns.
+    damaged, are not new, or have impossible times. A time is impossible if the frame arrived before
+    its exposure or more than 2 s after it, if the arrival is in the future or more than 2 s ago, or
+    if the exposure is not later than that of the previous frame. The plant checks the first value
+    that each method of a device returns.
 
     Parameters
     ----------

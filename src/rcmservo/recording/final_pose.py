@@ -37,6 +37,8 @@ class RunCourse:
         Joint rates (N, 3) that the arm applied after each tick, rad/s, rad/s, mm/s.
     J_hat : Floats
         Ĵ (3, 3) at the last tick, rows in rad/mm, px/mm, px/mm.
+    distances : Floats
+        Distances (N,) of marker 2 from its taught position by the joints, mm; NaN if unknown.
     pose_bound : float
         Distance from the taught position that is kept with 95 % at the last tick, mm; or NaN.
     """
@@ -47,12 +49,24 @@ class RunCourse:
     q: Floats
     applied: Floats
     J_hat: Floats
+    distances: Floats
     pose_bound: float = np.nan
 
 
-def measure_final_pose(
-    course: RunCourse, mechanism: Kinematics, tool: Tool, taught_q: Floats
-) -> FinalPose:
+def measure_distances(q: Floats, mechanism: Kinematics, tool: Tool, taught_q: Floats) -> Floats:
+    """Return the distances (N,) in mm of marker 2 from its taught position by the joints q (N, 3).
+
+    They are NaN if the joints `taught_q` (3,) of the target are.
+    """
+    rcm = mechanism.to_struct(tool.offset)
+    p2 = np.array([tool.second_marker(compute_position(rcm, joints)) for joints in q])
+    distances: Floats = np.linalg.norm(
+        p2 - tool.second_marker(compute_position(rcm, taught_q)), axis=1
+    )
+    return distances
+
+
+def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> FinalPose:
     """Return the position of marker 2 at the last tick, and its distance from the taught one.
 
     Parameters
@@ -63,15 +77,12 @@ def measure_final_pose(
         Kinematics of the arm.
     tool : Tool
         Positions of the markers on the tool.
-    taught_q : Floats
-        Joints (3,) of the taught target in rad, rad, mm; NaN if unknown.
     """
-    rcm = mechanism.to_struct(tool.offset)
-    p1 = compute_position(rcm, course.q[-1])
-    p2, taught_p2 = tool.second_marker(p1), tool.second_marker(compute_position(rcm, taught_q))
+    p1 = compute_position(mechanism.to_struct(tool.offset), course.q[-1])
+    p2 = tool.second_marker(p1)
     recent_errors = course.errors[course.times > course.times[-1] - FINAL_WINDOW_S]
     mean_mm, std_mm = convert_to_mm(recent_errors, course.J_hat, tool, p1)
-    by_joints_mm = finite_or_none(float(np.linalg.norm(p2 - taught_p2)))
+    by_joints_mm = finite_or_none(float(course.distances[-1]))
     by_image_mm, std_mm = finite_or_none(mean_mm), finite_or_none(std_mm)
     bound_mm = finite_or_none(course.pose_bound)
     return FinalPose(p2.tolist(), by_joints_mm, by_image_mm, std_mm, bound_mm)

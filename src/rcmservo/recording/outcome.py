@@ -1,7 +1,7 @@
 """Outcome of a run from its ticks: whether it settled at the target, when, and if not, why.
 
-A run has settled if the feature errors Δy = (Δs, Δr, Δd) stay within a tolerance up to its end and
-the joints are near those of the taught target.
+A run has settled if the feature errors Δy = (Δs, Δr, Δd) stay within a tolerance up to its end,
+with the joints near those of the taught target.
 """
 
 from dataclasses import replace
@@ -20,6 +20,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.final_pose import (
     FINAL_WINDOW_S,
     RunCourse,
+    measure_distances,
     measure_drive_response,
     measure_final_pose,
 )
@@ -133,16 +134,18 @@ class OutcomeCollector:
         taught_q = self._target.q
         if self._last_tick is None:
             return RunResult(target_q=taught_q.tolist())
+        q, mechanism, tool = np.array(self._joints), self._servo.mechanism, self._servo.tool
         course = RunCourse(
             times=np.array(self._times_s),
             errors=np.array(self._feature_errors),
             now=np.array(self._observed_s),
-            q=np.array(self._joints),
+            q=q,
             applied=np.array(self._applied_rates),
             J_hat=self._last_tick.state.J_hat,
+            distances=measure_distances(q, mechanism, tool, taught_q),
             pose_bound=self._last_tick.state.pose_bound,
         )
-        pose = measure_final_pose(course, self._servo.mechanism, self._servo.tool, taught_q)
+        pose = measure_final_pose(course, mechanism, tool)
         mode = self._last_tick.state.mode
         result = judge_run(course, self._exploration_end_s, mode, pose)
         return replace(
@@ -172,10 +175,8 @@ def judge_run(
     times, errors = course.times, course.errors
     is_final = times > times[-1] - SETTLED_DURATION_S
     rms_error = np.sqrt(np.mean(errors[is_final] ** 2, axis=0))
-    settle_time_s = find_settle_time(times, errors)
-    cause = _find_unsettled_cause(
-        mode, exploration_end_s, settle_time_s, pose.by_joints_mm, rms_error
-    )
+    settle_time_s = find_settle_time(times, errors, course.distances)
+    cause = _find_unsettled_cause(mode, exploration_end_s, pose.by_joints_mm, rms_error, course)
     return RunResult(
         settled=cause == "",
         cause=cause,
@@ -193,11 +194,11 @@ def _without_image(pose: FinalPose) -> FinalPose:
     return replace(pose, by_image_mm=None, by_image_std_mm=None)
 
 
-def find_settle_time(times: Floats, errors: Floats) -> float | None:
+def find_settle_time(times: Floats, errors: Floats, distances: Floats) -> float | None:
     """Return the time in s after which the feature errors stay within `SETTLED_TOLERANCE`.
 
-    It is None if the errors stay within the tolerance for less than `SETTLED_DURATION_S` up to the
-    last tick.
+    Errors at a pose that looks the same do not count. The time is None if the errors stay within
+    the tolerance for less than `SETTLED_DURATION_S` up to the last tick.
 
     Parameters
     ----------
@@ -205,8 +206,11 @@ def find_settle_time(times: Floats, errors: Floats) -> float | None:
         Times (N,) of the ticks, s.
     errors : Floats
         Feature errors Δy (N, 3) at these times, rad, px, px.
+    distances : Floats
+        Distances (N,) of marker 2 from its taught position, mm; NaN if unknown.
     """
     is_within = (np.abs(errors) < SETTLED_TOLERANCE).all(axis=1)
+    is_within &= ~(distances > MAX_SAME_POSE_DISTANCE_MM)
     outside_indices = np.flatnonzero(~is_within)
     first_settled = int(outside_indices[-1]) + 1 if len(outside_indices) else 0
     if first_settled == len(times):
@@ -238,9 +242,9 @@ def find_stop_cause(mode: Mode, detection_failure: str) -> str:
 def _find_unsettled_cause(
     mode: Mode,
     exploration_end_s: float | None,
-    settle_time_s: float | None,
     distance_mm: float | None,
     rms_error: Floats,
+    course: RunCourse,
 ) -> str:
     """Return the reason for which a run has not settled; empty if it has settled."""
     if mode.cause.stop_sentence:
@@ -249,9 +253,12 @@ def _find_unsettled_cause(
         return "time ran out on the way back from a hold"
     if mode.phase in UNFINISHED_CAUSES:
         return UNFINISHED_CAUSES[mode.phase]
-    if settle_time_s is None:
+    if find_settle_time(course.times, course.errors, np.zeros(len(course.times))) is None:
         words = "time ran out before the feature errors had settled"
         return words + _describe_errors(rms_error)
+    if find_settle_time(course.times, course.errors, course.distances) is None:
+        words = "time ran out before the tool had been at the target for a second"
+        return _describe_other_pose(distance_mm) or words
     return _describe_other_pose(distance_mm)
 
 

@@ -28,7 +28,12 @@ from rcmservo.loop.run_result import (
     finite_or_none,
     time_spread,
 )
-from rcmservo.recording.final_pose import RunCourse, convert_to_mm, measure_final_pose
+from rcmservo.recording.final_pose import (
+    RunCourse,
+    convert_to_mm,
+    measure_distances,
+    measure_final_pose,
+)
 from rcmservo.recording.outcome import judge_run
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Action, Cause
@@ -195,16 +200,24 @@ def _judge_last_run(record: Record) -> RunResult:
     )
     explored = _find_exploration_end(record, first)
     exploration_end_s = None if explored is None else float(record.time[explored])
+    parts, q = _rebuild_arm_and_tool(record), record.ticks["q"][first:]
+    distances = (
+        np.full(len(q), np.nan)
+        if parts is None
+        else measure_distances(q, *parts, record.stages[-1].target.q)
+    )
     course = RunCourse(
         times=times,
         errors=record.ticks["delta"][first:],
         now=record.ticks["now"][first:, 0] * 1e-9,
-        q=record.ticks["q"][first:],
+        q=q,
         applied=record.ticks["applied"][first:],
         J_hat=record.ticks["J_hat"][-1].reshape(3, 3),
+        distances=distances,
         pose_bound=float(record.ticks["pose_bound"][-1, 0]),
     )
-    result = judge_run(course, exploration_end_s, mode, _measure_recorded_pose(record, course))
+    pose = FinalPose() if parts is None else measure_final_pose(course, *parts)
+    result = judge_run(course, exploration_end_s, mode, pose)
     return _mark_unfinished(record, result, mode)
 
 
@@ -277,14 +290,6 @@ def _find_exploration_end(record: Record, first: int = 0) -> int | None:
     return first + int(np.argmax(is_explored)) if is_explored.any() else None
 
 
-def _measure_recorded_pose(record: Record, course: RunCourse) -> FinalPose:
-    """Return the final pose; without numbers if the record does not describe the arm."""
-    parts = _rebuild_arm_and_tool(record)
-    if parts is None:
-        return FinalPose()
-    return measure_final_pose(course, *parts, record.stages[-1].target.q)
-
-
 def compute_distances(record: Record) -> tuple[Floats, Floats]:
     """Return the distances (N,), (N,) in mm of marker 2 from the taught pose, by image and joints.
 
@@ -294,17 +299,13 @@ def compute_distances(record: Record) -> tuple[Floats, Floats]:
     if parts is None:
         return np.full(count, np.nan), np.full(count, np.nan)
     mechanism, tool = parts
-    rcm, ticks = mechanism.to_struct(tool.offset), record.ticks
-    taught_p2 = tool.second_marker(compute_position(rcm, record.stages[-1].target.q))
-    by_image, by_joints = np.empty(count), np.empty(count)
+    rcm, ticks, by_image = mechanism.to_struct(tool.offset), record.ticks, np.empty(count)
     for i, (q, delta, J_hat) in enumerate(
         zip(ticks["q"], ticks["delta"], ticks["J_hat"].reshape(-1, 3, 3), strict=True)
     ):
-        p1 = compute_position(rcm, q)
-        by_joints[i] = np.linalg.norm(tool.second_marker(p1) - taught_p2)
-        by_image[i], _ = convert_to_mm(delta[None], J_hat, tool, p1)
+        by_image[i], _ = convert_to_mm(delta[None], J_hat, tool, compute_position(rcm, q))
     by_image[~ticks["explored"][:, 0].astype(bool)] = np.nan
-    return by_image, by_joints
+    return by_image, measure_distances(ticks["q"], mechanism, tool, record.stages[-1].target.q)
 
 
 def find_taught_position(record: Record) -> Floats | None:

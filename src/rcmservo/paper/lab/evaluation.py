@@ -83,7 +83,7 @@ def settle(
             if tick.state.explored:
                 jacobian_errors.append(rig.truth.jacobian_error_at_tick(tick))
     times, deltas, distances = (np.array(values) for values in zip(*samples, strict=True))
-    cause, settle_time = ticks[-1].state.cause, find_settle_time(times, deltas)
+    cause, settle_time = ticks[-1].state.cause, find_settle_time(times, deltas, distances)
     is_at_end = times > times[-1] - END_S
     pose = float(distances[-1]) if cause.stop_sentence else rms(distances[is_at_end])
     failure = _explain_failure(cause, settle_time, pose)
