@@ -571,6 +571,7 @@ def run_steps():
     from rcmservo.interfaces import Observation, Target
     from rcmservo.safety.causes import Cause
     from rcmservo.safety.state_machine import Phase
+    from rcmservo.safety.thresholds import Thresholds
     from rcmservo.servo.servo import Servo
 
     C, results, rcm = camera(), {}, PitchYawRcm()
@@ -591,7 +592,9 @@ def run_steps():
     for name, (estimator, tool, features) in configurations.items():
         exploration = Exploration(leg_time=0.1, tolerance=0.9)
         law = SaturatedController(features=features)
-        servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
+        thresholds = Thresholds(max_target_deviation=60.0 if name == "kalman" else 6.0)
+        options = {"thresholds": thresholds, "exploration": exploration, "rate": 50.0}
+        servo = Servo(rcm, tool, estimator, law, **options)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
         p_d = rcm.position(q + np.array([0.05, -0.04, 6.0]))
         target = Target(pixels(C, p_d), rcm.joints(p_d), sizes=radii(C, p_d))
@@ -605,6 +608,8 @@ def run_steps():
             sizes = radii(C, rcm.position(q))
             if name == "dlt" and k == 73:  # a target that its joints contradict
                 target = replace(target, points=target.points + np.array([[40.0], [0.0]]))
+            if name == "kalman" and k == 66:  # image and joints differ by a few mm
+                target = replace(target, points=pixels(C, p_d + np.array([0.0, 4.0, 0.0])))
             if name == "size" and k in (66, 67):
                 points[0], sizes[0] = np.nan, np.nan
             frame = (k, time, time, q, points)

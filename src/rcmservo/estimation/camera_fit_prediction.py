@@ -168,7 +168,7 @@ def predict_image(fit: ProjectionFit, p: Floats) -> tuple[Floats, Floats]:
 
 @compiled
 def write_predicted_markers(
-    fit: ProjectionFit, p1: Floats, shaft: ToolStruct, points: Floats
+    fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct, points: Floats
 ) -> None:
     """Write the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
     image_1, image_2 = project_markers(fit, p1, shaft)

@@ -14,17 +14,16 @@ from rcmservo.estimation.camera_fit_prediction import (
     squared_mahalanobis_distance,
     write_point_jacobian,
 )
-from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
+from rcmservo.geometry.kinematics import compute_point_distance
 from rcmservo.geometry.tool import compute_second_marker_tuple
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import compute_norm
+from rcmservo.numerics.small_linalg import compute_distance, compute_norm, copy_into, subtract
 from rcmservo.safety.causes import find_causes
 from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.state_machine import ACQUIRE, DISABLED, FAULT, HOLD, PAUSED, SERVO
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import (
-    KernelParameters,
     TickContext,
     make_rcm_struct,
     make_tool_struct,
@@ -105,7 +104,7 @@ def watch_target(tick: TickContext) -> None:
         decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
         return
     decision.pose_bound = bound_pose(tick)
-    distance_mm = compute_larger_marker_distance(tick.observation.q, setpoint.q, parameters)
+    distance_mm = compute_larger_marker_distance(tick)
     excess_mm = distance_mm - compute_allowed_distance(tick, distance_mm)
     decision.has_arrived = not setpoint.is_new and (had_arrived or excess_mm < 0.0)
     goal_excess_mm = compute_goal_distance(tick) - parameters.thresholds.max_target_mismatch
@@ -145,7 +144,7 @@ def compute_allowed_distance(tick: TickContext, distance_mm: float) -> float:
     allowed_mm = parameters.thresholds.max_target_mismatch
     if distance_mm < allowed_mm or np.isnan(distance_mm):
         return allowed_mm
-    p1_d = compute_position_tuple(make_rcm_struct(parameters), tick.setpoint.q)
+    p1_d = tick.stored.workspace.target.p1
     frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
     noise_mm = compute_pose_deviation(fit, p1_d, make_tool_struct(parameters))
     noise_mm *= np.sqrt(1.0 / frames + 1.0 / TEACHING_FRAMES)
@@ -171,12 +170,15 @@ def average_distance(tick: TickContext) -> float:
 
 
 @compiled
-def compute_larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
-    """Return the larger of the distances (mm) of both markers between the joints q and q_d (3,)."""
-    rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
-    p1, p1_d = compute_position_tuple(rcm, q), compute_position_tuple(rcm, q_d)
+def compute_larger_marker_distance(tick: TickContext) -> float:
+    """Return the larger of both markers' distances (mm) from their positions of teaching.
+
+    Both are by the joints. It is NaN without joints of teaching.
+    """
+    shaft, workspace = make_tool_struct(tick.parameters), tick.stored.workspace
+    p1, p1_d = workspace.present_p1, workspace.target.p1
     p2, p2_d = compute_second_marker_tuple(shaft, p1), compute_second_marker_tuple(shaft, p1_d)
-    return max(compute_point_distance(p1, p1_d), compute_point_distance(p2, p2_d))
+    return max(compute_distance(p1, p1_d), compute_point_distance(p2, p2_d))
 
 
 @compiled
@@ -190,27 +192,40 @@ def compare_target_with_fit(tick: TickContext) -> None:
     from the joints of teaching, only noise and covariance count. Without these joints nothing
     contradicts the markers.
     """
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, decision, thresholds = stored.projection_fit, stored.decision, parameters.thresholds
+    stored, setpoint, decision = tick.stored, tick.setpoint, tick.stored.decision
+    thresholds = tick.parameters.thresholds
     has_joints, is_checked = not np.isnan(setpoint.q[0]), thresholds.max_target_mismatch < np.inf
     decision.is_implausible = False
     decision.is_unchecked = is_checked and not has_joints
     if not (is_checked and has_joints):
         return
     update_detour(tick)
-    is_excused = decision.detour_mm <= MAX_DETOUR_MM
     if not stored.exploration_state.fit_is_known:
         return
-    q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
-    p1_d = compute_position_tuple(make_rcm_struct(parameters), q_d)
-    predicted = project_markers(fit, p1_d, make_tool_struct(parameters))
-    error, is_explained, largest_scale = np.empty((2, 2)), True, 0.0
+    error, predicted = np.empty((2, 2)), stored.workspace.target.markers
+    copy_into(decision.predicted_target, predicted)
     for k in range(2):
-        u, v = fit.origin[3] + predicted[k].m[0], fit.origin[4] + predicted[k].m[1]
-        decision.predicted_target[k, 0], decision.predicted_target[k, 1] = u, v
-        error[k, 0], error[k, 1] = setpoint.points[k, 0] - u, setpoint.points[k, 1] - v
-        present = stored.estimate.points[k]
-        motion_px = np.sqrt((u - present[0]) ** 2 + (v - present[1]) ** 2)
+        for i in range(2):
+            error[k, i] = setpoint.points[k, i] - predicted[k, i]
+    # with half of it for each marker, the vector between them differs by less too
+    is_small = max(compute_norm(error[0]), compute_norm(error[1])) <= 0.5 * thresholds.model_error
+    is_explained = is_small or explains_errors(tick, error, decision.detour_mm <= MAX_DETOUR_MM)
+    decision.is_implausible = not is_explained or watch_arrival(tick)
+
+
+@compiled
+def explains_errors(tick: TickContext, error: Floats, is_excused: bool) -> bool:
+    """Return True if noise, covariance and errors of the model explain the errors of a target.
+
+    `error` (2, 2) px is the difference of the taught markers from the prediction of the fit. Errors
+    of the model count if `is_excused`.
+    """
+    stored, setpoint, thresholds = tick.stored, tick.setpoint, tick.parameters.thresholds
+    fit, target, is_explained = stored.projection_fit, stored.workspace.target, True
+    predicted = project_markers(fit, target.p1, make_tool_struct(tick.parameters))
+    largest_scale = 0.0
+    for k in range(2):
+        motion_px = compute_distance(target.markers[k], stored.estimate.points[k])
         scale = compute_image_scale(fit, predicted[k])
         model_px = compute_model_error(motion_px, scale, thresholds) if is_excused else 0.0
         excess_px = compute_norm(error[k]) - thresholds.model_error - model_px
@@ -218,14 +233,14 @@ def compare_target_with_fit(tick: TickContext) -> None:
             covariance = compute_image_covariance(fit, predicted[k])
             is_explained &= noise_explains(tick, error[k], excess_px, covariance)
         largest_scale = max(largest_scale, scale)
-    error_of_vector = error[1] - error[0]
-    length_px = compute_norm(setpoint.points[1] - setpoint.points[0])
+    error_of_vector = subtract(error[1], error[0])
+    length_px = compute_distance(setpoint.points[1], setpoint.points[0])
     model_px = compute_model_error(length_px, largest_scale, thresholds) if is_excused else 0.0
     excess_px = compute_norm(error_of_vector) - thresholds.model_error - model_px
     if excess_px > 0.0:
         covariance = compute_spacing_covariance(fit, predicted[0], predicted[1])
         is_explained &= noise_explains(tick, error_of_vector, excess_px, covariance)
-    decision.is_implausible = not is_explained or watch_arrival(tick)
+    return is_explained
 
 
 @compiled
@@ -253,7 +268,7 @@ def update_detour(tick: TickContext) -> None:
     It counts from the nearest point since the motion to the target began.
     """
     decision, setpoint = tick.stored.decision, tick.setpoint
-    distance_mm = compute_larger_marker_distance(tick.observation.q, setpoint.q, tick.parameters)
+    distance_mm = compute_larger_marker_distance(tick)
     is_moving = decision.mode.phase in (ACQUIRE, SERVO, HOLD) and not setpoint.is_new
     decision.nearest_mm = min(decision.nearest_mm, distance_mm) if is_moving else distance_mm
     decision.detour_mm = distance_mm - decision.nearest_mm

@@ -15,7 +15,7 @@ from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import NEVER_NS, Command, Floats, Target
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
-from rcmservo.numerics.structs import Row, part, reals
+from rcmservo.numerics.structs import Row, flag, part, reals
 from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.gate import CommandStruct, to_command
 from rcmservo.safety.monitor_state import MonitorState
@@ -36,10 +36,25 @@ class Decision(TargetProgress):
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "requested joint rates, before the gate")
 
 
+class TargetPrediction(Row):
+    """Prediction of the target by the newest fit, with the markers at the joints of teaching.
+
+    If these joints are unknown, p1 is NaN, and the other fields are those at the present joints.
+    """
+
+    p1: Floats = reals(3, "mm", "marker 1")
+    markers: Floats = reals((2, 2), "px", "raw markers")
+    H: Floats = reals((4, 3), "px/mm", "∂m/∂p₁")
+    P: Floats = reals((3, 4), "mm/px", "(HᵀH + λ I)⁻¹ Hᵀ with the λ of the aim")
+    is_determined: bool = flag("P exists")
+
+
 class Workspace(Row):
     """Intermediate results of a tick, stored in the state so that a tick allocates no memory."""
 
     p1: Floats = reals(3, "mm", "marker 1 at the exposure of the newest frame")
+    present_p1: Floats = reals(3, "mm", "marker 1 at the present joints")
+    target: TargetPrediction = part(TargetPrediction, "prediction of the target")
     points: Floats = reals(
         (2, 2), "px", "raw markers in that frame, a lost one as the fit predicts"
     )

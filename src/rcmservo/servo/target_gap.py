@@ -19,18 +19,22 @@ gap by the image alone (λ = 0) shows whether the image contradicts the joints.
 
 import numpy as np
 
-from rcmservo.estimation.camera_fit import ProjectionFit, project_markers
+from rcmservo.estimation.camera_fit import project_markers
 from rcmservo.estimation.camera_fit_prediction import (
     compute_image_covariance,
     compute_markers_jacobian,
+    predict_markers,
     write_damped_pseudoinverse,
+    write_markers_jacobian,
+    write_predicted_markers,
 )
-from rcmservo.geometry.kinematics import Point, compute_point_distance, compute_position_tuple
-from rcmservo.geometry.tool import ToolStruct, compute_second_marker_jacobian
+from rcmservo.geometry.kinematics import compute_position_tuple
+from rcmservo.geometry.tool import compute_second_marker_jacobian
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import (
     bilinear_form,
+    compute_distance,
     compute_norm,
     copy_into,
     dot,
@@ -95,43 +99,53 @@ TEACHING_FRAMES = 30.0
 
 
 @compiled
+def predict_target(tick: TickContext) -> None:
+    """Write the prediction of the target by the newest fit, from which the gap follows."""
+    stored, q_d = tick.stored, tick.setpoint.q
+    fit, target = stored.projection_fit, stored.workspace.target
+    rcm, shaft = make_rcm_struct(tick.parameters), make_tool_struct(tick.parameters)
+    p1_d = compute_position_tuple(rcm, q_d)
+    target.p1[0], target.p1[1], target.p1[2] = p1_d
+    p1 = compute_position_tuple(rcm, tick.observation.q) if np.isnan(q_d[0]) else p1_d
+    write_markers_jacobian(fit, p1, shaft, target.H)
+    write_predicted_markers(fit, p1, shaft, target.markers)
+    damping = select_damping(tick, compute_arm_error(stored.monitor))
+    target.is_determined = write_damped_pseudoinverse(target.H, damping, target.P)
+
+
+@compiled
 def aim_at_target(tick: TickContext) -> None:
     """Write the markers (2, 2) raw px that the servo aims at, and marker 1 (3,) mm there.
 
     Before the end of the exploration, without joints of teaching, or if the controller trusts the
     image alone, `decision.aim` are the taught markers and `decision.goal` is NaN.
     """
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
+    stored, setpoint, target = tick.stored, tick.setpoint, tick.stored.workspace.target
     aim, goal = stored.decision.aim, stored.decision.goal
     copy_into(aim, setpoint.points)
     fill(goal, np.nan)
-    helps = parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
-    if not (helps and stored.exploration_state.is_done):
+    helps = tick.parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
+    if not (helps and stored.exploration_state.is_done and target.is_determined):
         return
-    p1_d, gap = compute_position_tuple(make_rcm_struct(parameters), setpoint.q), np.zeros(3)
-    if move_to_gap(tick, p1_d, aim, gap):
-        for j in range(3):
-            goal[j] = p1_d[j] + gap[j]
+    move_to_gap(target.markers, target.H, target.P, stored.projection_fit.offset, aim, goal)
+    for j in range(3):
+        goal[j] += target.p1[j]
 
 
 @compiled
-def move_to_gap(tick: TickContext, p1: Point, points: Floats, gap: Floats) -> bool:
-    """Replace markers (2, 2) raw px by h + r + H gap, with h, H and the gap (3,) mm at p1 mm.
+def move_to_gap(
+    predicted: Floats, H: Floats, P: Floats, residuals: Floats, points: Floats, gap: Floats
+) -> None:
+    """Replace markers (2, 2) raw px by h + r + H gap, and write the gap (3,) mm.
 
-    Return False, with the markers as they are, if the image does not determine the gap.
+    h are the predicted markers (2, 2) raw px, r the residuals (2, 2) px.
     """
-    fit, shaft = tick.stored.projection_fit, make_tool_struct(tick.parameters)
-    H, P = compute_markers_jacobian(fit, p1, shaft), np.empty((3, 4))
-    damping = select_damping(tick, compute_arm_error(tick.stored.monitor))
-    if not write_damped_pseudoinverse(H, damping, P):
-        return False
-    expected = expect_taught_markers(fit, p1, shaft, fit.offset)
-    copy_into(gap, compute_gap(P, points, expected))
+    write_gap(P, points, predicted, residuals, gap)
     for k in range(4):
-        points[k // 2, k % 2] = expected[k]
+        moved = predicted[k // 2, k % 2] + residuals[k // 2, k % 2]
         for j in range(3):
-            points[k // 2, k % 2] += H[k, j] * gap[j]
-    return True
+            moved += H[k, j] * gap[j]
+        points[k // 2, k % 2] = moved
 
 
 @compiled
@@ -142,9 +156,13 @@ def filter_weak_directions(tick: TickContext, points: Floats) -> None:
     at the joints of teaching. Otherwise slow motions of the air, for example, would move the tool
     by more than a millimetre. Markers that the fit has predicted do not change.
     """
-    if not np.isnan(tick.stored.decision.goal[0]):
-        p1 = tick.stored.estimate.p1
-        move_to_gap(tick, (p1[0], p1[1], p1[2]), points, np.zeros(3))
+    stored, shaft = tick.stored, make_tool_struct(tick.parameters)
+    if np.isnan(stored.decision.goal[0]):
+        return
+    fit, p1, P, gap = stored.projection_fit, stored.estimate.p1, np.empty((3, 4)), np.empty(3)
+    H = compute_markers_jacobian(fit, p1, shaft)
+    if write_damped_pseudoinverse(H, select_damping(tick, compute_arm_error(stored.monitor)), P):
+        move_to_gap(predict_markers(fit, p1, shaft), H, P, fit.offset, points, gap)
 
 
 @compiled
@@ -165,8 +183,7 @@ def compute_goal_distance(tick: TickContext) -> float:
     goal = tick.stored.decision.goal
     if np.isnan(goal[0]):
         return 0.0
-    p1 = compute_position_tuple(make_rcm_struct(tick.parameters), tick.observation.q)
-    return compute_point_distance(p1, (goal[0], goal[1], goal[2]))
+    return compute_distance(tick.stored.workspace.present_p1, goal)
 
 
 @compiled
@@ -178,28 +195,13 @@ def select_damping(tick: TickContext, arm_error_mm: float) -> float:
 
 
 @compiled
-def expect_taught_markers(
-    fit: ProjectionFit, p1_d: Point, shaft: ToolStruct, residuals: Floats
-) -> Floats:
-    """Return h + r (4,) raw px with marker 1 at p1_d mm, for the residuals r (2, 2) px."""
-    predicted, expected = project_markers(fit, p1_d, shaft), np.empty(4)
-    for k in range(2):
-        for i in range(2):
-            expected[2 * k + i] = fit.origin[3 + i] + predicted[k].m[i] + residuals[k, i]
-    return expected
-
-
-@compiled
-def compute_gap(P: Floats, taught: Floats, expected: Floats) -> Floats:
-    """Return the gap (3,) mm between the taught (2, 2) and the expected (4,) markers in raw px.
-
-    P (3, 4) mm/px is (HᵀH + λ I)⁻¹ Hᵀ.
-    """
-    gap = np.zeros(3)
+def write_gap(P: Floats, taught: Floats, predicted: Floats, residuals: Floats, gap: Floats) -> None:
+    """Write the gap P (m_d − h − r) (3,) mm, with P (3, 4) mm/px and markers (2, 2) raw px."""
     for i in range(3):
+        gap[i] = 0.0
         for k in range(4):
-            gap[i] += P[i, k] * (taught[k // 2, k % 2] - expected[k])
-    return gap
+            u, v = k // 2, k % 2
+            gap[i] += P[i, k] * (taught[u, v] - (predicted[u, v] + residuals[u, v]))
 
 
 @compiled
@@ -229,61 +231,53 @@ def sample_residuals(tick: TickContext) -> None:
 
     Near the target trouble with the picture would count as an error of the arm.
     """
-    stored, monitor, rcm = tick.stored, tick.stored.monitor, make_rcm_struct(tick.parameters)
-    p1, sampled = stored.estimate.p1, monitor.sampled_p1
-    place, before = (p1[0], p1[1], p1[2]), (sampled[0], sampled[1], sampled[2])
-    is_near = compute_point_distance(place, compute_position_tuple(rcm, tick.setpoint.q)) < NEAR_MM
-    if is_near or compute_point_distance(place, before) < MIN_SAMPLE_MM:
+    stored, monitor, p1 = tick.stored, tick.stored.monitor, tick.stored.estimate.p1
+    is_near = compute_distance(p1, stored.workspace.target.p1) < NEAR_MM
+    if is_near or compute_distance(p1, monitor.sampled_p1) < MIN_SAMPLE_MM:
         return
     H = compute_markers_jacobian(stored.projection_fit, p1, make_tool_struct(tick.parameters))
     px_per_mm = max(compute_norm(H[0]), compute_norm(H[1]), 1e-6)
     squared_px = 0.5 * compute_norm(monitor.mean_residual) ** 2
     monitor.residual_sums[0] += squared_px / px_per_mm**2
     monitor.residual_sums[1] += 1.0
-    for i in range(3):
-        sampled[i] = p1[i]
+    copy_into(monitor.sampled_p1, p1)
 
 
 @compiled
 def arrives_elsewhere(tick: TickContext) -> bool:
     """Return True if the predicted gap exceeds what is allowed."""
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, monitor, thresholds = stored.projection_fit, stored.monitor, parameters.thresholds
-    rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
-    p1_d = compute_position_tuple(rcm, setpoint.q)
-    p1 = compute_position_tuple(rcm, tick.observation.q)
-    way_mm = compute_point_distance(p1, p1_d)
+    stored, thresholds, target = (
+        tick.stored,
+        tick.parameters.thresholds,
+        tick.stored.workspace.target,
+    )
+    way_mm = compute_distance(stored.workspace.present_p1, target.p1)
     if not way_mm <= MAX_WAY_MM:
         return False
-    H, P = compute_markers_jacobian(fit, p1_d, shaft), np.empty((3, 4))
-    damping = min(compute_arm_error(monitor), MAX_ARM_ERROR_MM)
-    if not write_damped_pseudoinverse(H, damping, P):
+    P, gap = np.empty((3, 4)), np.empty(3)
+    damping = min(compute_arm_error(stored.monitor), MAX_ARM_ERROR_MM)
+    if not write_damped_pseudoinverse(target.H, damping, P):
         return False
-    expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
-    gap_mm = compute_norm(compute_gap(P, setpoint.points, expected))
-    C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, 0.0)
+    mean_residual = stored.monitor.mean_residual
+    write_gap(P, tick.setpoint.points, target.markers, mean_residual, gap)
+    excess_mm = compute_norm(gap) - GAP_MM - GAP_PER_WAY * way_mm
+    if not excess_mm > 0.0:
+        return False
+    C = compute_gap_covariance(tick, P, 0.0)
     sigmas = GAP_SIGMA_RATIO * thresholds.max_target_deviation
-    deviation_mm = np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
-    return gap_mm > GAP_MM + GAP_PER_WAY * way_mm + sigmas * deviation_mm
+    return excess_mm > sigmas * np.sqrt(C[0, 0] + C[1, 1] + C[2, 2])
 
 
 @compiled
-def compute_gap_covariance(
-    fit: ProjectionFit,
-    p1_d: Point,
-    shaft: ToolStruct,
-    H: Floats,
-    P: Floats,
-    frames: float,
-    arm_error_mm: float,
-) -> Floats:
+def compute_gap_covariance(tick: TickContext, P: Floats, arm_error_mm: float) -> Floats:
     """Return the covariance (3, 3) mm² of the gap, P R Pᵀ.
 
-    R (4, 4) px² contains the noise of residuals that are averaged over some frames, that of the
-    taught markers, the covariance of the fit, and errors of arm and tool with the standard
-    deviation `arm_error_mm`.
+    R (4, 4) px² contains the noise of the mean residuals and of the taught markers, the covariance
+    of the fit, and errors of arm and tool with the standard deviation `arm_error_mm`.
     """
-    predicted, R = project_markers(fit, p1_d, shaft), np.zeros((4, 4))
+    fit, target = tick.stored.projection_fit, tick.stored.workspace.target
+    H, R, frames = target.H, np.zeros((4, 4)), tick.parameters.thresholds.drift_frames
+    predicted = project_markers(fit, target.p1, make_tool_struct(tick.parameters))
     noise = fit.noise_variance * (1.0 / frames + 1.0 / TEACHING_FRAMES)
     for k in range(2):
         u, v = 2 * k, 2 * k + 1
@@ -301,21 +295,18 @@ def image_contradicts_joints(tick: TickContext) -> bool:
 
     The tool is at the target, so that its residuals are those at the target.
     """
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, monitor, thresholds = stored.projection_fit, stored.monitor, parameters.thresholds
-    shaft = make_tool_struct(parameters)
-    p1_d = compute_position_tuple(make_rcm_struct(parameters), setpoint.q)
-    H, P = compute_markers_jacobian(fit, p1_d, shaft), np.empty((3, 4))
+    monitor, thresholds = tick.stored.monitor, tick.parameters.thresholds
+    target, P, gap = tick.stored.workspace.target, np.empty((3, 4)), np.empty(3)
     has_mean = monitor.averaged_frames >= thresholds.drift_frames
-    if not (has_mean and write_damped_pseudoinverse(H, 0.0, P)):
+    if not (has_mean and write_damped_pseudoinverse(target.H, 0.0, P)):
         return False
-    expected = expect_taught_markers(fit, p1_d, shaft, monitor.mean_residual)
-    gap = compute_gap(P, setpoint.points, expected)
-    arm_error_mm = ARRIVAL_ERROR_RATIO * compute_arm_error(monitor)
-    C = compute_gap_covariance(fit, p1_d, shaft, H, P, thresholds.drift_frames, arm_error_mm)
+    write_gap(P, tick.setpoint.points, target.markers, monitor.mean_residual, gap)
+    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
+    if not compute_norm(gap) > max_sigma * RETURN_DEVIATION_MM:
+        return False
+    C = compute_gap_covariance(tick, P, ARRIVAL_ERROR_RATIO * compute_arm_error(monitor))
     for i in range(3):
         C[i, i] += RETURN_DEVIATION_MM**2
-    max_sigma = ARRIVAL_SIGMA_RATIO * thresholds.max_target_deviation
     return invert(C) and bilinear_form(C, gap, gap) > max_sigma**2
 
 
@@ -323,39 +314,31 @@ def image_contradicts_joints(tick: TickContext) -> bool:
 def bound_pose(tick: TickContext) -> float:
     """Return the distance (mm) from the taught position that marker 2 keeps with 95 %.
 
-    With P (3, 4) of the gap, the error of the pose has the covariance
+    Noise σ (px) and errors e (mm) of arm and tool move marker 1 by P times their pixels, and the
+    joints, which decide in the directions of I − P H, have the error 2 e. With ∂p₂/∂p₁ = T and
+    Mₖ = T Pₖ Hₖ for marker k the error of marker 2 has the squared expectation
 
-        P R Pᵀ + (2 e)² B Bᵀ,    B = I − P H
+        σ² |T P|² + e² (|M₁|² + |M₂|² + 4 |T − M₁ − M₂|²)
 
-    R (4, 4) px² contains the noise of the residuals and of the target, and errors e (mm) of arm and
-    tool. e is the rms of the residuals on the way without half of their noise, of which the fit has
-    absorbed a part. The joints, which decide in the directions of B, have the error 2 e. The
-    distance that is left to the goal is added.
+    e is the rms of the residuals on the way without half of their noise, of which the fit has
+    absorbed a part. The distance that is left to the goal is added.
     """
-    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, shaft = stored.projection_fit, make_tool_struct(parameters)
-    rcm, q_d = make_rcm_struct(parameters), setpoint.q
-    p1_d = compute_position_tuple(rcm, tick.observation.q if np.isnan(q_d[0]) else q_d)
-    H, P = compute_markers_jacobian(fit, p1_d, shaft), np.empty((3, 4))
-    arm_error_mm = compute_arm_error(stored.monitor)
-    if not write_damped_pseudoinverse(H, select_damping(tick, arm_error_mm), P):
+    stored, target = tick.stored, tick.stored.workspace.target
+    fit, H = stored.projection_fit, target.H
+    if not target.is_determined:
         return np.inf
-    px_per_mm = max(compute_norm(H[0]), compute_norm(H[1]))
-    residual_noise = fit.noise_variance / (parameters.thresholds.drift_frames * px_per_mm**2)
-    squared_mm = max(arm_error_mm**2 - residual_noise, 0.0)
+    p1 = stored.workspace.present_p1 if np.isnan(target.p1[0]) else target.p1
+    T = compute_second_marker_jacobian(make_tool_struct(tick.parameters), p1)
+    TP, px_per_mm = multiply_matrices(T, target.P), max(compute_norm(H[0]), compute_norm(H[1]))
+    residual_noise = fit.noise_variance / (tick.parameters.thresholds.drift_frames * px_per_mm**2)
+    squared_mm = max(compute_arm_error(stored.monitor) ** 2 - residual_noise, 0.0)
     frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
     noise = fit.noise_variance * (1.0 / frames + 1.0 / BOUND_TEACHING_FRAMES)
-    R, B = np.zeros((4, 4)), np.eye(3) - multiply_matrices(P, H)
-    for i in range(4):
-        R[i, i] = noise
-        for j in range(4):
-            R[i, j] += squared_mm * dot(H[i], H[j]) if i // 2 == j // 2 else 0.0
-    C = multiply_matrices(multiply_matrices(P, R), P.T)
-    joint_squared_mm = JOINT_ERROR_RATIO**2 * squared_mm
-    T, variance = compute_second_marker_jacobian(shaft, np.array(p1_d)), 0.0
+    variance = noise * compute_norm(TP) ** 2
     for i in range(3):
         for j in range(3):
-            C[i, j] += joint_squared_mm * dot(B[i], B[j])
-    for i in range(3):
-        variance += bilinear_form(C, T[i], T[i])
+            M_1 = TP[i, 0] * H[0, j] + TP[i, 1] * H[1, j]
+            M_2 = TP[i, 2] * H[2, j] + TP[i, 3] * H[3, j]
+            by_joints = JOINT_ERROR_RATIO * (T[i, j] - M_1 - M_2)
+            variance += squared_mm * (M_1**2 + M_2**2 + by_joints**2)
     return BOUND_FACTOR * np.sqrt(variance) + compute_goal_distance(tick)

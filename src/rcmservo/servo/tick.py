@@ -13,6 +13,7 @@ from typing import Any
 
 from rcmservo.estimation.base import EstimatorKernel
 from rcmservo.estimation.camera_fit import reset_fit
+from rcmservo.geometry.kinematics import compute_position_tuple
 from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Rows
@@ -21,9 +22,10 @@ from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes, compare_target_with_fit
 from rcmservo.servo.compute_command import compute_command
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, make_rcm_struct
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import StoredState, reset_estimation
+from rcmservo.servo.target_gap import predict_target
 from rcmservo.servo.update_estimate import (
     FRAME_UPDATES,
     empty_memory,
@@ -112,8 +114,11 @@ def conclude(tick: TickContext, frame_result: int) -> bool:
     checks collect the causes, the state machine chooses the mode, and the gate bounds the rates.
     Return True if the estimate was reset.
     """
+    locate_marker(tick)
     if frame_result == FRAME_UPDATES:
         store_estimate(tick)
+    elif tick.setpoint.is_new:
+        predict_target(tick)
     compute_command(tick, frame_result)
     if frame_result == FRAME_UPDATES or tick.setpoint.is_new:
         compare_target_with_fit(tick)
@@ -127,6 +132,15 @@ def conclude(tick: TickContext, frame_result: int) -> bool:
     if was_reset:
         reset_fit(tick.stored.projection_fit)
     return was_reset
+
+
+@compiled
+def locate_marker(tick: TickContext) -> None:
+    """Write the position of marker 1 by the present joints."""
+    p1 = tick.stored.workspace.present_p1
+    p1[0], p1[1], p1[2] = compute_position_tuple(
+        make_rcm_struct(tick.parameters), tick.observation.q
+    )
 
 
 @compiled

@@ -29,7 +29,7 @@ from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
 from rcmservo.servo.kernel_parameters import TickContext, make_tool_struct
 from rcmservo.servo.state import EstimatorMemory, Workspace
-from rcmservo.servo.target_gap import aim_at_target, filter_weak_directions
+from rcmservo.servo.target_gap import aim_at_target, filter_weak_directions, predict_target
 
 NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
 """Results of a frame: not accepted or not new, accepted, or accepted and used to update Ĵ."""
@@ -54,6 +54,7 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
     fit, shaft = tick.stored.projection_fit, make_tool_struct(parameters)
     weigh_markers(fit, estimate.p1, points, shaft)
     update_fit(fit, estimate.p1, points, shaft)
+    predict_target(tick)
     aim_at_target(tick)
     unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
@@ -99,6 +100,7 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
     frames_before, shaft = fit.frame_count, make_tool_struct(tick.parameters)
     weigh_markers(fit, estimate.p1, tick.observation.points, shaft)
     update_fit(fit, estimate.p1, tick.observation.points, shaft)
+    predict_target(tick)
     aim_at_target(tick)
     copy_into(result.o_c, estimate.o_c)
     copy_into(result.o_c_covariance, estimate.o_c_covariance)
