@@ -61,6 +61,12 @@ def driven(gain: float = 1.0, lag: float = Drive().lag + Drive().delay) -> RigSe
     return RigSettings(drive=Drive(delay, lag - delay, rate_error=(error, error, error)))
 
 
+def resting(**rates_mm_s: float) -> RigSettings:
+    """Return the settings of drives that rest at small rates: mm/s, and as many 0.01 rad/s."""
+    rates = {name: (0.01 * rate, 0.01 * rate, rate) for name, rate in rates_mm_s.items()}
+    return RigSettings(drive=Drive(**rates))  # type: ignore[arg-type]
+
+
 ROWS: dict[str, tuple[str, RigSettings]] = {
     "backlash": (
         "backlash of 0.25° and 0.2 mm",
@@ -82,6 +88,9 @@ ROWS: dict[str, tuple[str, RigSettings]] = {
     "joints_50": ("joints at 50 Hz", imperfect(report_period=0.02)),
     "port_1": ("the port breathes by 1 mm", imperfect(port_motion=1.0)),
     "port_5": ("the port breathes by 5 mm", imperfect(port_motion=5.0)),
+    "dead_1": ("joints do not move below 1 mm/s, 0.01 rad/s", resting(deadband=1.0)),
+    "dead_2": ("joints do not move below 2 mm/s, 0.02 rad/s", resting(deadband=2.0)),
+    "stiction": ("joints do not start below 2 mm/s, 0.02 rad/s", resting(stiction=2.0)),
     **{f"gain_{p}": (f"drives follow by {p} %", driven(p / 100)) for p in (70, 90, 95, 98, 130)},
     **{f"lag_{t}": (f"drives lag by {t} ms", driven(lag=t / 1e3)) for t in (50, 80, 100, 150)},
 }

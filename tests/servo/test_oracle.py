@@ -414,7 +414,7 @@ def run_controller_and_gate(scene):
         ),
     }
     drives, limits = ExplorationState.of(lag=0.025).rows[0], to_row(Thresholds())[0]
-    monitor_state.predict_joints(monitor.rows[0], drives, limits)
+    monitor_state.predict_joints(monitor.rows[0], drives, True, limits)
     predicted = monitor.predicted_joints.ravel(), monitor.predicted_rates.ravel()
     results["predicted joints"] = np.concatenate(predicted)
     b = np.full(3, 0.1)

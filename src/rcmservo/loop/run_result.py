@@ -75,6 +75,8 @@ class FinalPose:
         True distance that is kept with 95 % by the servo's own estimate, mm: from the noise of the
         markers and the errors of arm and tool that their residuals on the way show. None unless the
         tool has arrived.
+    limit : str
+        What contributes most to this bound, with its part in mm; empty if unknown.
     """
 
     p2_mm: list[float] | None = None
@@ -82,6 +84,7 @@ class FinalPose:
     by_image_mm: float | None = None
     by_image_std_mm: float | None = None
     bound_mm: float | None = None
+    limit: str = ""
 
 
 @dataclass(frozen=True)
@@ -365,7 +368,8 @@ class RunResult:
             alone = " alone: the target has no joints" if joints is None else ""
             parts.append(f"error {by_joints}{image:.2f} mm by the image{alone}")
             if self.pose.bound_mm is not None:
-                parts.append(f"± {self.pose.bound_mm:.2f} mm (95 %)")
+                limit = self.pose.limit and f", limited by {self.pose.limit}"
+                parts.append(f"± {self.pose.bound_mm:.2f} mm (95 %){limit}")
         if self.settle_time_s is not None:
             parts.append(f"{self.settle_time_s:.1f} s")
         return ", ".join(parts)

@@ -1,6 +1,6 @@
 """Pose of the tool at the end of a run, and response of the drives, from the ticks of the run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,20 @@ LAGS_S = np.arange(0.0, 0.2001, 0.005)
 
 MIN_TRAVEL = np.array([np.radians(1.0), np.radians(1.0), 2.0])
 """Smallest travel (3,) of a joint in rad, rad, mm from which its drive's response is measured."""
+
+
+PART_NAMES = (
+    "noise of the markers",
+    "errors of arm and tool, such as backlash or bending",
+    "the way left to the target",
+)
+"""Parts of the bound of the final pose."""
+
+WAY_LEFT = 2
+"""Part of the way left."""
+
+REST_UNITS, RATE_UNITS = np.array([0.01, 0.01, 1.0]), ("rad/s", "rad/s", "mm/s")
+"""Rates of about the same speed of the tool, by which joints are compared, and their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +55,10 @@ class RunCourse:
         Distances (N,) of marker 2 from its taught position by the joints, mm; NaN if unknown.
     pose_bound : float
         Distance from the taught position that is kept with 95 % at the last tick, mm; or NaN.
+    bound_parts : Floats
+        Its parts (3,): noise of the markers, errors of arm and tool, way left, mm.
+    resting_rates : Floats
+        Rates (3,) up to which the joints have rested, rad/s, rad/s, mm/s.
     """
 
     times: Floats
@@ -51,6 +69,8 @@ class RunCourse:
     J_hat: Floats
     distances: Floats
     pose_bound: float = np.nan
+    bound_parts: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    resting_rates: Floats = field(default_factory=lambda: np.zeros(3))
 
 
 def measure_distances(q: Floats, mechanism: Kinematics, tool: Tool, taught_q: Floats) -> Floats:
@@ -85,7 +105,22 @@ def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> 
     by_joints_mm = finite_or_none(float(course.distances[-1]))
     by_image_mm, std_mm = finite_or_none(mean_mm), finite_or_none(std_mm)
     bound_mm = finite_or_none(course.pose_bound)
-    return FinalPose(p2.tolist(), by_joints_mm, by_image_mm, std_mm, bound_mm)
+    limit = "" if bound_mm is None else describe_limit(course, mechanism.joint_names)
+    return FinalPose(p2.tolist(), by_joints_mm, by_image_mm, std_mm, bound_mm, limit)
+
+
+def describe_limit(course: RunCourse, joint_names: tuple[str, ...]) -> str:
+    """Return what contributes most to the bound, with its part in mm; empty if unknown."""
+    if not np.isfinite(course.bound_parts).all():
+        return ""
+    part = int(np.argmax(course.bound_parts))
+    name, mm = PART_NAMES[part], course.bound_parts[part]
+    rates = course.resting_rates / REST_UNITS
+    if part == WAY_LEFT and rates.max() > 0.0:
+        joint = int(np.argmax(rates))
+        rate = f"{course.resting_rates[joint]:.2g} {RATE_UNITS[joint]}"
+        name = f"joint {joint + 1} ({joint_names[joint]}), which rests at up to {rate}"
+    return f"{name} ({mm:.2f} mm)"
 
 
 def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:

@@ -144,6 +144,8 @@ class OutcomeCollector:
             J_hat=self._last_tick.state.J_hat,
             distances=measure_distances(q, mechanism, tool, taught_q),
             pose_bound=self._last_tick.state.pose_bound,
+            bound_parts=self._last_tick.state.bound_parts,
+            resting_rates=self._last_tick.state.resting_rates,
         )
         pose = measure_final_pose(course, mechanism, tool)
         mode = self._last_tick.state.mode

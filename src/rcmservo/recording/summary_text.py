@@ -44,6 +44,7 @@ def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
         ("settle time", _format_number(result.settle_time_s, "s", 2)),
         ("marker 2 to its taught position", _describe_final_pose(result.pose)),
         ("true distance, estimated bound (95 %)", _format_number(result.pose.bound_mm, "mm", 2)),
+        ("this bound is limited by", result.pose.limit),
         ("feature error (rms, last second)", _format_feature_error(result.feature_error)),
         ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
         ("exploration", _format_exploration(result.explore)),

@@ -19,6 +19,7 @@ JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
 RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
 POSITION = ("x [mm]", "y [mm]", "z [mm]")
 LENGTH = ("[mm]",)
+BOUND_PARTS = ("noise [mm]", "arm [mm]", "way [mm]")
 VELOCITY = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
 FEATURES = ("s [rad]", "r [px]", "d [px]")
 IMAGE_POINT = ("u [px]", "v [px]")
@@ -105,6 +106,8 @@ REAL_COLUMNS = (
     Column("jog", RATES, get("jog")),
     Column("quality", MARKER_QUALITIES, get("observation.quality")),
     Column("pose_bound", LENGTH, get("state.pose_bound")),
+    Column("bound_parts", BOUND_PARTS, get("state.bound_parts")),
+    Column("resting_rates", RATES, get("state.resting_rates")),
 )
 """Real numbers of a tick.
 
@@ -112,7 +115,9 @@ REAL_COLUMNS = (
 that the arm executed of the command; `jog` are the rates that the operator requested.
 """
 
-ADDED_COLUMNS = ("sizes",), ("jog",), ("quality",), ("pose_bound",)
+LIMITS = "bound_parts", "resting_rates"
+
+ADDED_COLUMNS = ("sizes",), ("jog",), ("quality",), ("pose_bound",), LIMITS
 """Real numbers that later versions of the format added, one group per version.
 
 They are NaN in older records.

@@ -215,6 +215,8 @@ def _judge_last_run(record: Record) -> RunResult:
         J_hat=record.ticks["J_hat"][-1].reshape(3, 3),
         distances=distances,
         pose_bound=float(record.ticks["pose_bound"][-1, 0]),
+        bound_parts=record.ticks["bound_parts"][-1],
+        resting_rates=record.ticks["resting_rates"][-1],
     )
     pose = FinalPose() if parts is None else measure_final_pose(course, *parts)
     result = judge_run(course, exploration_end_s, mode, pose)

@@ -51,6 +51,19 @@ POSSIBLE_RESPONSES = 4
 MAX_REPORT_PERIOD_NS = 60_000_000
 """Time (ns) for which joints may be repeated without counting as joints that rest."""
 
+SLOW_RATIO = 4.0
+"""Rate (1/s) of a slow joint in units of `max_following_error`: 0.032 rad/s or 2.4 mm/s."""
+
+SLOW_DECAY_S = 0.125
+"""Time constant (s) of the following error of a slow joint while servoing.
+
+It is then at most half of `max_following_error`: a drive may rest at small rates.
+"""
+
+MOVED_RATIO, UNFOLLOWED_RATIO = 0.1, 0.3
+"""Motion of a joint that moves, and commanded motion after which one that does not rests, in units
+of `max_following_error`."""
+
 count, markers = partial(whole, ""), partial(reals, (2, 2), "px")
 """Declarations of fields: a number of events, and the pixels of both markers."""
 
@@ -68,6 +81,11 @@ class MonitorState(Row):
     )
     predicted_rates: Floats = reals(
         (POSSIBLE_RESPONSES, 3), "rad/s, rad/s, mm/s", "rates predicted in the same way"
+    )
+    rest_positions: Floats = reals(3, "rad, rad, mm", "each joint when it last moved, if slowly")
+    unfollowed: Floats = reals(3, "rad, rad, mm", "motion that has been commanded since")
+    resting_rates: Floats = reals(
+        3, "rad/s, rad/s, mm/s", "largest rate at which each joint has rested, 0 if it has not"
     )
     reported_joints: Floats = reals(3, "rad, rad, mm", "newest joints that differ from the last")
     reported_at: int = whole("ns", "time of the first tick with them")
@@ -159,6 +177,7 @@ def monitor_loop(
     interval_ns: int,
     period_ns: int,
     drives: ResponseMeasurement,
+    is_servoing: bool,
     thresholds: Thresholds,
 ) -> None:
     """Update the state of loop and arm at a tick.
@@ -173,6 +192,8 @@ def monitor_loop(
         Time since the last tick, and its nominal value, ns.
     drives : ResponseMeasurement
         Measured gains and lag of the drives.
+    is_servoing : bool
+        True if the image checks the motion too.
     thresholds : Thresholds
         Thresholds of the checks.
     """
@@ -182,7 +203,8 @@ def monitor_loop(
     monitor.late_ticks = monitor.late_ticks + 1 if is_late else 0
     monitor_reports(monitor)
     if observation.enabled and all_finite(monitor.predicted_joints):
-        predict_joints(monitor, drives, thresholds)
+        predict_joints(monitor, drives, is_servoing, thresholds)
+        find_resting_joints(monitor, is_servoing, thresholds)
     else:
         for k in range(POSSIBLE_RESPONSES):
             copy_into(monitor.predicted_joints[k], observation.q)
@@ -205,17 +227,19 @@ def monitor_reports(monitor: MonitorState) -> None:
 
 @compiled
 def predict_joints(
-    monitor: MonitorState, drives: ResponseMeasurement, thresholds: Thresholds
+    monitor: MonitorState,
+    drives: ResponseMeasurement,
+    is_servoing: bool,
+    thresholds: Thresholds,
 ) -> None:
     """Predict the joints at the newest joint positions, for each possible response of the drives.
 
-    The predictions converge to the measured joints with the time constant `following_error_decay`.
+    The predictions converge to the measured joints with the time constant `following_error_decay`,
+    or a shorter one for a slow joint while servoing.
     """
     observation = monitor.observation
     dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
-    correction = min(dt / thresholds.following_error_decay, 1.0)
-    if not monitor.joints_are_fresh:
-        correction = 0.0
+    share = dt if monitor.joints_are_fresh else 0.0
     if monitor.was_measuring and not drives.is_measuring and drives.lag > 0.0:
         restart_predictions(monitor, drives)
         return
@@ -226,7 +250,31 @@ def predict_joints(
             gain, lag_s = select_possible_response(drives, i, k, thresholds.drive_lag)
             rate = gain * observation.applied[i]
             joint, rates[i] = predict_joint(joints[i], rates[i], rate, lag_s, dt)
-            joints[i] = joint + (observation.q[i] - joint) * correction
+            is_slow = is_servoing and is_slow_joint(observation, i, thresholds)
+            decay_s = SLOW_DECAY_S if is_slow else thresholds.following_error_decay
+            joints[i] = joint + (observation.q[i] - joint) * min(share / decay_s, 1.0)
+
+
+@compiled
+def is_slow_joint(observation: ObservationRow, i: int, thresholds: Thresholds) -> bool:
+    """Return True if the commanded rate of joint i is small."""
+    return abs(observation.applied[i]) <= SLOW_RATIO * thresholds.max_following_error[i]
+
+
+@compiled
+def find_resting_joints(monitor: MonitorState, is_servoing: bool, thresholds: Thresholds) -> None:
+    """Store at which small rates a joint does not move, because of a dead zone or stiction."""
+    observation = monitor.observation
+    dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
+    for i in range(3):
+        q, limit = observation.q[i], thresholds.max_following_error[i]
+        monitor.unfollowed[i] += observation.applied[i] * dt
+        has_moved = abs(q - monitor.rest_positions[i]) > MOVED_RATIO * limit
+        if has_moved or not (is_servoing and is_slow_joint(observation, i, thresholds)):
+            monitor.rest_positions[i], monitor.unfollowed[i] = q, 0.0
+        elif abs(monitor.unfollowed[i]) > UNFOLLOWED_RATIO * limit:
+            rate = abs(observation.applied[i])
+            monitor.resting_rates[i] = max(monitor.resting_rates[i], rate)
 
 
 @compiled

@@ -25,6 +25,7 @@ from rcmservo.safety.monitor_state import (
     monitor_loop,
     monitor_markers,
 )
+from rcmservo.safety.state_machine import SERVO
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
@@ -55,7 +56,8 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
     gap_ns = observation.now - command.time if command.number > 0 else period
-    monitor_loop(monitor, gap_ns, period, exploration, thresholds)
+    is_servoing = stored.decision.mode.phase == SERVO
+    monitor_loop(monitor, gap_ns, period, exploration, is_servoing, thresholds)
     if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
     p1, points = stored.workspace.p1, stored.workspace.points

@@ -103,7 +103,7 @@ def watch_target(tick: TickContext) -> None:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
         decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
         return
-    decision.pose_bound = bound_pose(tick)
+    bound_pose(tick)
     distance_mm = compute_larger_marker_distance(tick)
     excess_mm = distance_mm - compute_allowed_distance(tick, distance_mm)
     decision.has_arrived = not setpoint.is_new and (had_arrived or excess_mm < 0.0)

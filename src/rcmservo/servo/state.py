@@ -302,6 +302,22 @@ class State(NamedTuple):
         return self.decision.pose_bound
 
     @property
+    def bound_parts(self) -> Floats:
+        """Parts (3,) of `pose_bound` in mm: noise of the markers, errors of arm and tool, way left.
+
+        The bound is the root of the squares of the first two, plus the third.
+        """
+        return self.decision.bound_parts
+
+    @property
+    def resting_rates(self) -> Floats:
+        """Largest rates (3,) at which the joints rested, in rad/s, rad/s, mm/s; 0 if they moved.
+
+        A dead zone or stiction of the drives lets a joint rest at small rates.
+        """
+        return self.monitor.resting_rates
+
+    @property
     def camera_moved_at(self) -> int:
         """Time in ns at which the checks last detected a moved camera; -1 if never."""
         return self.decision.camera_moved_at

@@ -40,6 +40,8 @@ from rcmservo.numerics.small_linalg import (
     dot,
     fill,
     multiply_matrices,
+    multiply_vector,
+    subtract,
 )
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.safety.checks.drift import compute_arm_error
@@ -311,8 +313,8 @@ def image_contradicts_joints(tick: TickContext) -> bool:
 
 
 @compiled
-def bound_pose(tick: TickContext) -> float:
-    """Return the distance (mm) from the taught position that marker 2 keeps with 95 %.
+def bound_pose(tick: TickContext) -> None:
+    """Store the distance (mm) of marker 2 from its taught position with 95 %, and its parts.
 
     Noise σ (px) and errors e (mm) of arm and tool move marker 1 by P times their pixels, and the
     joints, which decide in the directions of I − P H, have the error 2 e. With ∂p₂/∂p₁ = T and
@@ -321,12 +323,14 @@ def bound_pose(tick: TickContext) -> float:
         σ² |T P|² + e² (|M₁|² + |M₂|² + 4 |T − M₁ − M₂|²)
 
     e is the rms of the residuals on the way without half of their noise, of which the fit has
-    absorbed a part. The distance that is left to the goal is added.
+    absorbed a part. The way of marker 2 that is left to the goal is added.
     """
     stored, target = tick.stored, tick.stored.workspace.target
     fit, H = stored.projection_fit, target.H
+    decision, parts = stored.decision, stored.decision.bound_parts
     if not target.is_determined:
-        return np.inf
+        decision.pose_bound = np.inf
+        return
     p1 = stored.workspace.present_p1 if np.isnan(target.p1[0]) else target.p1
     T = compute_second_marker_jacobian(make_tool_struct(tick.parameters), p1)
     TP, px_per_mm = multiply_matrices(T, target.P), max(compute_norm(H[0]), compute_norm(H[1]))
@@ -334,11 +338,21 @@ def bound_pose(tick: TickContext) -> float:
     squared_mm = max(compute_arm_error(stored.monitor) ** 2 - residual_noise, 0.0)
     frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
     noise = fit.noise_variance * (1.0 / frames + 1.0 / BOUND_TEACHING_FRAMES)
-    variance = noise * compute_norm(TP) ** 2
+    variance = 0.0
     for i in range(3):
         for j in range(3):
             M_1 = TP[i, 0] * H[0, j] + TP[i, 1] * H[1, j]
             M_2 = TP[i, 2] * H[2, j] + TP[i, 3] * H[3, j]
             by_joints = JOINT_ERROR_RATIO * (T[i, j] - M_1 - M_2)
             variance += squared_mm * (M_1**2 + M_2**2 + by_joints**2)
-    return BOUND_FACTOR * np.sqrt(variance) + compute_goal_distance(tick)
+    parts[0] = BOUND_FACTOR * np.sqrt(noise) * compute_norm(TP)
+    parts[1] = BOUND_FACTOR * np.sqrt(variance)
+    parts[2] = compute_way_left(tick, T)
+    decision.pose_bound = np.sqrt(parts[0] ** 2 + parts[1] ** 2) + parts[2]
+
+
+@compiled
+def compute_way_left(tick: TickContext, T: Floats) -> float:
+    """Return the distance (mm) of marker 2 from the goal, with ∂p₂/∂p₁ = T; 0 if it is unknown."""
+    goal, p1 = tick.stored.decision.goal, tick.stored.workspace.present_p1
+    return 0.0 if np.isnan(goal[0]) else compute_norm(multiply_vector(T, subtract(p1, goal)))

@@ -1,7 +1,8 @@
 """Simulated arm and its clock: a MuJoCo model with velocity drives and the faults of real drives.
 
 A command reaches a joint after a delay and through a first-order lag. A rate inside the deadband
-moves nothing, and the actual rate may differ from the commanded one by a constant ratio. The
+moves nothing, a joint at rest may need a larger one to start, and the actual rate may differ from
+the commanded one by a constant ratio. The
 encoders at the motors quantise the joints and may have a zero offset; with backlash the tool
 follows the motors late. A watchdog stops the arm when no more valid commands arrive. Gravity is
 compensated, and hard stops end the joint ranges. MuJoCo uses m; everything else here uses mm.
@@ -56,7 +57,7 @@ RATE_ERROR_LIMIT = each(above(-1.0, 1.0), "three ratios above -1 and at most 1")
 
 @dataclass(frozen=True)
 class Drive(Checked, section="drive"):
-    """Drives and encoders of the simulated arm: delay, lag, deadband and errors.
+    """Drives and encoders of the simulated arm: delay, lag, deadband, stiction and errors.
 
     Parameters
     ----------
@@ -66,6 +67,8 @@ class Drive(Checked, section="drive"):
         Time constant (s) of each drive's first-order response, 0.001 to 10.
     deadband : Triple
         Rates (rad/s, rad/s, mm/s) below which a joint does not move, not negative.
+    stiction : Triple
+        Rates (rad/s, rad/s, mm/s) below which a joint at rest does not start to move, not negative.
     encoder : Triple
         Resolution (rad, rad, mm) of the encoders, not negative: the joint motion of one count.
     encoder_offset : Triple
@@ -87,6 +90,8 @@ class Drive(Checked, section="drive"):
     lag: Annotated[float, between(0.001, 10.0, "a time", "s")] = 0.02
 
     deadband: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (1e-4, 1e-4, 0.01)
+
+    stiction: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (0.0, 0.0, 0.0)
 
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
 
@@ -190,10 +195,12 @@ class SimulatedArm:
         self._joint_order, self._unit = np.argsort(self._mujoco_order), np.array(MUJOCO_UNITS)
         self._model = UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism))
         self._data = UNTYPED_MUJOCO.MjData(self._model)
-        self._qpos, self._ctrl = self._data.qpos, self._data.ctrl  # views: each access makes one
+        # views: each access makes one
+        self._qpos, self._qvel, self._ctrl = self._data.qpos, self._data.qvel, self._data.ctrl
         self._queue: deque[tuple[int, list[float]]] = deque()
         self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
         self._is_bypassed = False
+        self._has_stiction = any(drive.stiction)
         self._lag_fraction = float(1.0 - np.exp(-PHYSICS_STEP_NS * 1e-9 / drive.lag))
         ratios = (1.0 + np.array(drive.rate_error)) * imperfections.rate_ratios
         self._rate_ratios: list[float] = ratios.tolist()
@@ -273,7 +280,11 @@ class SimulatedArm:
         creep = self.creep if self.watchdog.enabled else NO_CREEP
         for index, i in enumerate(self._mujoco_order):
             rates[i] += lag_fraction * (setpoint[i] - rates[i])
-            moving = rates[i] if abs(rates[i]) > deadband[i] else 0.0
+            least = deadband[i]
+            rest_speed = rate_ratios[i] * least * MUJOCO_UNITS[i]
+            if self._has_stiction and abs(self._qvel[index]) <= rest_speed:
+                least = max(least, self.drive.stiction[i])
+            moving = rates[i] if abs(rates[i]) > least else 0.0
             actual = gains[i] * rate_ratios[i] * moving + creep[i]
             self._ctrl[index] = actual * MUJOCO_UNITS[i]
 

@@ -157,6 +157,7 @@ class CompiledEngine(StudyEngine):
             tool_q=scene.start + errors.start_in_gap * errors.half_gap,
             rate_scale=self._drives.rate_scale * errors.rate_ratios,
             deadband=self._drives.deadband * errors.rate_ratios,
+            stiction=self._drives.stiction * errors.rate_ratios,
         )
         return PlantStruct.of(
             drives=drives,
@@ -175,6 +176,7 @@ class CompiledEngine(StudyEngine):
             delay=round(drive.delay * 1e9),
             lag_gain=1.0 - np.exp(-ARM_STEP_NS * 1e-9 / drive.lag),
             deadband=rate_scale * drive.deadband,
+            stiction=rate_scale * drive.stiction,
             encoder=np.maximum(drive.encoder, 1e-12),
             encoder_offset=drive.encoder_offset,
             rate_scale=rate_scale,

@@ -52,6 +52,7 @@ class DrivesStruct(Row):
     delay: int = whole("ns", "from a command to its execution")
     lag_gain: float = real("", "fraction of the difference to the target rate that a step removes")
     deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "lagged rates up to which a joint rests")
+    stiction: Floats = reals(3, "rad/s, rad/s, mm/s", "the same of a joint at rest, if larger")
     encoder: Floats = reals(3, "rad, rad, mm", "encoder resolution: joint motion of one count")
     encoder_offset: Floats = reals(3, "rad, rad, mm", "reported joint minus true joint")
     rate_scale: Floats = reals(3, "", "executed rate divided by commanded rate")
@@ -148,8 +149,8 @@ def integrate_joints(
     """Integrate the joints over `steps` with constant target rates, and store them in the history.
 
     The suffixes _o, _i and _s stand for outer hinge, inner hinge and slide; q are joints, v rates,
-    r lagged rates, u target rates, d deadbands, k drive gains and g the step factors h/(M + h k).
-    Scalars instead of arrays stay in the processor's registers.
+    r lagged rates, u target rates, d deadbands, s stictions, k drive gains and g the step factors
+    h/(M + h k). Scalars instead of arrays stay in the processor's registers.
     """
     h, lag_gain, o = ARM_STEP_NS * 1e-9, drives.lag_gain, drives.inertia.outer_joint
     i, index = 1 - o, drives.time // ARM_STEP_NS
@@ -157,6 +158,7 @@ def integrate_joints(
     r_o, r_i, r_s = order_joints(drives.lagged_rates, o)
     u_o, u_i, u_s = order_joints(drives.target_rates, o)
     d_o, d_i, d_s = order_joints(drives.deadband, o)
+    s_o, s_i, s_s = order_joints(drives.stiction, o)
     low_o, low_i, low_s = order_joints(drives.lower, o)
     high_o, high_i, high_s = order_joints(drives.upper, o)
     k_o, k_i, k_s = order_joints(drives.inertia.drive_gain, o)
@@ -174,9 +176,9 @@ def integrate_joints(
         c_s = -(c_b * v_o_squared + c_e * v_i * v_i)
         r_o, r_i = r_o + lag_gain * (u_o - r_o), r_i + lag_gain * (u_i - r_i)
         r_s += lag_gain * (u_s - r_s)
-        v_o += g_o * (k_o * (apply_deadband(r_o, d_o) - v_o) - c_o)
-        v_i += g_i * (k_i * (apply_deadband(r_i, d_i) - v_i) - c_i)
-        v_s += g_s * (k_s * (apply_deadband(r_s, d_s) - v_s) - c_s)
+        v_o += g_o * (k_o * (apply_deadband(r_o, v_o, d_o, s_o) - v_o) - c_o)
+        v_i += g_i * (k_i * (apply_deadband(r_i, v_i, d_i, s_i) - v_i) - c_i)
+        v_s += g_s * (k_s * (apply_deadband(r_s, v_s, d_s, s_s) - v_s) - c_s)
         dq_o, dq_i, dq_s = v_o * h, v_i * h, v_s * h
         g_o, g_i = g_o + g_o_z * dq_s + g_o_angle * dq_i, g_i + g_i_z * dq_s
         c_a, c_b = c_a + a_z * dq_s + a_angle * dq_i, c_b + b_z * dq_s + b_angle * dq_i
@@ -191,9 +193,10 @@ def integrate_joints(
 
 
 @compiled
-def apply_deadband(rate: float, deadband: float) -> float:
-    """Return the rate, or 0 inside the deadband."""
-    return rate if abs(rate) > deadband else 0.0
+def apply_deadband(rate: float, speed: float, deadband: float, stiction: float) -> float:
+    """Return the rate, or 0 inside the deadband, and for a joint at rest inside the stiction."""
+    rests = abs(rate) <= deadband or (abs(rate) <= stiction and abs(speed) <= deadband)
+    return 0.0 if rests else rate
 
 
 @compiled
