@@ -127,6 +127,15 @@ def test_the_compiled_plant_has_the_drive_errors_of_the_simulated_arm(
     )
 
 
+def test_joints_start_to_move_beyond_the_stiction_on_both_plants() -> None:
+    settings = replace(NOISY, drive=Drive(stiction=(0.02, 0.02, 2.0)))
+    study = make_study(settings, duration=4.0)
+    compiled, mujoco = study.run(1), run_mujoco(study, 1)
+    assert np.abs(compiled.error - mujoco.error).max() < TOLERANCE_MM
+    ideal = make_study(NOISY, duration=4.0).run(1)
+    assert np.abs(compiled.error - ideal.error).max() > 1e-3
+
+
 def test_the_target_of_a_study_has_the_joints_that_the_arm_reports() -> None:
     """The true joints differ by 20 mm, and the servo would reject the target's pose."""
     offset = replace(NOISY, drive=Drive(encoder_offset=(0.1, 0.1, 5.0)))

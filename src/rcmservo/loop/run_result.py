@@ -76,7 +76,7 @@ class FinalPose:
         markers and the errors of arm and tool that their residuals on the way show. None unless the
         tool has arrived.
     limit : str
-        What contributes most to this bound, with its part in mm; empty if unknown.
+        What contributes most to this bound; empty if unknown.
     """
 
     p2_mm: list[float] | None = None

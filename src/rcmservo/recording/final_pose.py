@@ -21,7 +21,7 @@ MIN_TRAVEL = np.array([np.radians(1.0), np.radians(1.0), 2.0])
 
 PART_NAMES = (
     "noise of the markers",
-    "errors of arm and tool, such as backlash or bending",
+    "errors of arm, tool and lens, such as backlash or bending",
     "the way left to the target",
 )
 """Parts of the bound of the final pose."""
@@ -56,7 +56,7 @@ class RunCourse:
     pose_bound : float
         Distance from the taught position that is kept with 95 % at the last tick, mm; or NaN.
     bound_parts : Floats
-        Its parts (3,): noise of the markers, errors of arm and tool, way left, mm.
+        Its parts (3,): noise of the markers, errors of arm, tool and lens, way left, mm.
     resting_rates : Floats
         Rates (3,) up to which the joints have rested, rad/s, rad/s, mm/s.
     """
@@ -110,17 +110,16 @@ def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> 
 
 
 def describe_limit(course: RunCourse, joint_names: tuple[str, ...]) -> str:
-    """Return what contributes most to the bound, with its part in mm; empty if unknown."""
+    """Return what contributes most to the bound; empty if unknown."""
     if not np.isfinite(course.bound_parts).all():
         return ""
     part = int(np.argmax(course.bound_parts))
-    name, mm = PART_NAMES[part], course.bound_parts[part]
     rates = course.resting_rates / REST_UNITS
-    if part == WAY_LEFT and rates.max() > 0.0:
-        joint = int(np.argmax(rates))
-        rate = f"{course.resting_rates[joint]:.2g} {RATE_UNITS[joint]}"
-        name = f"joint {joint + 1} ({joint_names[joint]}), which rests at up to {rate}"
-    return f"{name} ({mm:.2f} mm)"
+    if part != WAY_LEFT or not rates.max() > 0.0:
+        return PART_NAMES[part]
+    joint = int(np.argmax(rates))
+    rate = f"{course.resting_rates[joint]:.2g} {RATE_UNITS[joint]}"
+    return f"joint {joint + 1} ({joint_names[joint]}), which rests at up to {rate}"
 
 
 def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:

@@ -43,8 +43,7 @@ def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
         ("at the end", result.remark),
         ("settle time", _format_number(result.settle_time_s, "s", 2)),
         ("marker 2 to its taught position", _describe_final_pose(result.pose)),
-        ("true distance, estimated bound (95 %)", _format_number(result.pose.bound_mm, "mm", 2)),
-        ("this bound is limited by", result.pose.limit),
+        ("true distance, estimated bound (95 %)", _format_bound(result.pose)),
         ("feature error (rms, last second)", _format_feature_error(result.feature_error)),
         ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
         ("exploration", _format_exploration(result.explore)),
@@ -114,6 +113,12 @@ def _format_count(count: int, noun: str) -> str:
 def _join(*parts: str) -> str:
     """Return the parts that are not empty, separated by commas."""
     return ", ".join(filter(None, parts))
+
+
+def _format_bound(pose: run_result.FinalPose) -> str:
+    """Return the bound of the true distance and what limits it; empty if unknown."""
+    limit = pose.limit and f", limited by {pose.limit}"
+    return _format_number(pose.bound_mm, "mm", 2) + limit
 
 
 def _describe_final_pose(pose: run_result.FinalPose) -> str:

@@ -84,6 +84,7 @@ class MonitorState(Row):
     )
     rest_positions: Floats = reals(3, "rad, rad, mm", "each joint when it last moved, if slowly")
     unfollowed: Floats = reals(3, "rad, rad, mm", "motion that has been commanded since")
+    rests_since: int = whole("ns", "time since which a joint does not follow, or NEVER_NS")
     resting_rates: Floats = reals(
         3, "rad/s, rad/s, mm/s", "largest rate at which each joint has rested, 0 if it has not"
     )
@@ -141,7 +142,8 @@ def initial_monitor_state() -> MonitorState:
     )
     unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
     unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
-    return MonitorState.of(idle_since=NEVER_NS, newest_frame=-1, accepted_frame=-1, **unknown)
+    never = {"idle_since": NEVER_NS, "rests_since": NEVER_NS}
+    return MonitorState.of(newest_frame=-1, accepted_frame=-1, **never, **unknown)
 
 
 @compiled
@@ -265,7 +267,7 @@ def is_slow_joint(observation: ObservationRow, i: int, thresholds: Thresholds) -
 def find_resting_joints(monitor: MonitorState, is_servoing: bool, thresholds: Thresholds) -> None:
     """Store at which small rates a joint does not move, because of a dead zone or stiction."""
     observation = monitor.observation
-    dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
+    dt, rests = max(observation.q_time - monitor.joints_time, 0) * 1e-9, False
     for i in range(3):
         q, limit = observation.q[i], thresholds.max_following_error[i]
         monitor.unfollowed[i] += observation.applied[i] * dt
@@ -273,8 +275,12 @@ def find_resting_joints(monitor: MonitorState, is_servoing: bool, thresholds: Th
         if has_moved or not (is_servoing and is_slow_joint(observation, i, thresholds)):
             monitor.rest_positions[i], monitor.unfollowed[i] = q, 0.0
         elif abs(monitor.unfollowed[i]) > UNFOLLOWED_RATIO * limit:
-            rate = abs(observation.applied[i])
+            rate, rests = abs(observation.applied[i]), True
             monitor.resting_rates[i] = max(monitor.resting_rates[i], rate)
+    if not rests:
+        monitor.rests_since = NEVER_NS
+    elif monitor.rests_since == NEVER_NS:
+        monitor.rests_since = observation.now
 
 
 @compiled

@@ -21,7 +21,9 @@ class TargetProgress(Row):
         "mm", "distance of marker 2 from its taught position with 95 %, NaN before arrival"
     )
     bound_parts: Floats = reals(
-        3, "mm", "parts of this distance: noise of the markers, errors of arm and tool, way left"
+        3,
+        "mm",
+        "parts of this distance: noise of the markers, errors of arm, tool and lens, way left",
     )
     is_unchecked: bool = flag("True if the target has no joints with which to check its pixels")
     is_implausible: bool = flag(

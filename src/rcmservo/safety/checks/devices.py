@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rcmservo.control.drive_response import EXACT_GAIN, compute_gain
 from rcmservo.geometry.kinematics import is_within_limits
-from rcmservo.interfaces import DropReason, Floats
+from rcmservo.interfaces import NEVER_NS, DropReason, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
@@ -24,6 +24,9 @@ NOT_MISSING = cast(DropReason, -1)
 """Result of `find_missing_reason` while frames arrive."""
 
 JOINT_UNITS = ("rad", "rad", "mm")
+
+MAX_REST_S, MAX_REST_MM = 2.0, 1.0
+"""A joint may rest at small rates for this time (s) farther from the target than this (mm)."""
 
 
 @compiled
@@ -56,7 +59,7 @@ def joints_do_not_follow(facts: TickFacts) -> bool:
     """Detect a following error: joints that differ from the commanded motion.
 
     Before the drives' response is measured they may be anywhere between the predictions for all
-    possible responses.
+    possible responses. A joint that rests at small rates is one far from the target only.
     """
     q, monitor, lower, upper = facts.observation.q, facts.monitor, np.empty(3), np.empty(3)
     for i in range(3):
@@ -64,7 +67,16 @@ def joints_do_not_follow(facts: TickFacts) -> bool:
         for k in range(len(monitor.predicted_joints)):
             lower[i] = min(lower[i], monitor.predicted_joints[k, i])
             upper[i] = max(upper[i], monitor.predicted_joints[k, i])
-    return monitor.joints_are_fresh and exceeds_following_error(q, lower, upper, facts.thresholds)
+    exceeds = exceeds_following_error(q, lower, upper, facts.thresholds)
+    return joints_rest_far_away(facts) or (monitor.joints_are_fresh and exceeds)
+
+
+@compiled
+def joints_rest_far_away(facts: TickFacts) -> bool:
+    """Return True if a joint rests too long at small rates, far from the target."""
+    since, now = facts.monitor.rests_since, facts.observation.now
+    rests_for_long = since != NEVER_NS and now - since > MAX_REST_S * 1e9
+    return rests_for_long and facts.progress.remaining_mm > MAX_REST_MM
 
 
 @compiled
@@ -221,13 +233,25 @@ def describe_following(facts: DetailFacts) -> str:
     predicted = facts.monitor.predicted_joints
     expected = np.clip(facts.observation.q, predicted.min(axis=0), predicted.max(axis=0))
     deviations = _describe_deviations(facts, expected, "should be")
+    rests = _describe_rest(facts) if facts.monitor.rests_since != NEVER_NS else ""
     gains = [compute_gain(facts.drives.rows[0], i) for i in range(3)]
     ratios = [
         f"joint {i + 1} followed by {100.0 * gain:.0f} % while exploring: is a speed override set?"
         for i, gain in enumerate(gains)
         if 0.05 < gain < 1.0 - EXACT_GAIN or gain > 1.0 + EXACT_GAIN
     ]
-    return "; ".join([deviations, *ratios])
+    return "; ".join(text for text in (deviations, rests, *ratios) if text)
+
+
+def _describe_rest(facts: DetailFacts) -> str:
+    """Describe the joints that have not moved at small rates."""
+    rates, names = facts.monitor.resting_rates, facts.mechanism.joint_names
+    return "; ".join(
+        f"joint {i + 1} ({names[i]}) rests at rates up to {rates[i]:.2g} {JOINT_UNITS[i]}/s, by a "
+        "dead zone, friction or a blocked axis"
+        for i in range(3)
+        if rates[i] > 0.0
+    )
 
 
 def describe_creeping(facts: DetailFacts) -> str:
