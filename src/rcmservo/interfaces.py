@@ -236,6 +236,10 @@ class Target:
     left_out : int
         Number of frames that teaching left out because their markers were elsewhere. It is no part
         of a comparison, and files do not hold it.
+    swing_px : float
+        Amplitude in px of a slow motion of both markers while they were taught with the joints at
+        rest, as by a port that moves with the breath or a moving camera; 0 if there was none. It is
+        no part of a comparison, and files do not hold it.
 
     Raises
     ------
@@ -261,6 +265,7 @@ class Target:
     taught_at: int = 0
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
     left_out: int = 0
+    swing_px: float = 0.0
 
     def __post_init__(self) -> None:
         for name, shape in {"points": (2, 2), "q": (3,), "sizes": (2,)}.items():
@@ -281,10 +286,23 @@ class Target:
         return hash(self._numbers)
 
     @property
+    def swing_text(self) -> str:
+        """Sentence on the motion of the markers while they were taught; empty if there was none."""
+        return describe_swing(self.swing_px) if self.swing_px > 0.0 else ""
+
+    @property
     def _numbers(self) -> tuple[bytes, int]:
         """All numbers; NaN is equal to NaN."""
         arrays = self.points, self.q, self.sizes
         return b"".join(np.nan_to_num(a, nan=np.inf).tobytes() for a in arrays), self.taught_at
+
+
+def describe_swing(swing_px: float) -> str:
+    """Return a sentence on markers that move by an amplitude in px while the joints rest."""
+    return (
+        f"while teaching, both markers moved by ±{swing_px:.1f} px with the joints at rest: does "
+        "the port move with the breath, or the camera?"
+    )
 
 
 def _copy_as_floats(field: str, value: object, shape: tuple[int, ...]) -> Floats:

@@ -5,13 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from conftest import Laboratory, make_laboratory
-from rcmservo.interfaces import Frame, Image, Markers, Tracker
+from conftest import Laboratory, make_laboratory, make_observation
+from rcmservo.interfaces import Floats, Frame, Image, Markers, Tracker
 from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.target_frames import TargetFrames
 from rcmservo.loop.teach import TeachingFailed, teach
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 LOOK = MarkerAppearance("green", "blue", 3.5, 3.5)
@@ -220,3 +225,54 @@ def test_a_tool_that_moves_while_it_is_taught_is_the_reason(joint: int) -> None:
     assert frames.describe_disagreement().startswith("the joints move by up to")
     frames.joints = [observation.q] * 30
     assert frames.describe_disagreement() == ""
+
+
+def collect_frames(motion: Floats, noise: float, seed: int, markers: int = 2) -> TargetFrames:
+    """Return frames of a tool at rest whose first markers move by `motion` (n,) px."""
+    random, frames, direction = np.random.default_rng(seed), TargetFrames(), np.array([0.6, 0.8])
+    q, pixels = np.zeros(3), np.array([[100.0, 50.0], [200.0, 80.0]])
+    observation = make_observation(0, q, 0, 0, q, pixels)
+    for moved in motion:
+        points = observation.points + random.normal(0.0, noise, (2, 2))
+        points[:markers] += moved * direction
+        frames.add(replace(observation, points=points))
+    return frames
+
+
+def breathe(amplitude: float, period: float, phase: float) -> Floats:
+    """Return the motion of 300 frames at 60 frames/s, px."""
+    return amplitude * np.sin(2.0 * np.pi * np.arange(300) / 60.0 / period + phase)
+
+
+@given(st.floats(2.0, 50.0), st.floats(2.0, 5.0), st.floats(0.0, 6.3), st.floats(0.0, 0.5))
+def test_a_port_that_moves_with_the_breath_is_named_with_its_amplitude(
+    amplitude: float, period: float, phase: float, noise: float
+) -> None:
+    frames = collect_frames(breathe(amplitude, period, phase), noise, 1)
+    assert frames.compute_target(0).swing_px == pytest.approx(amplitude, rel=0.35)
+    why = frames.describe_disagreement()
+    assert not why or "port move with the breath" in why
+    assert why or amplitude < 4.0
+
+
+@given(st.floats(0.0, 2.0), st.integers(1, 400), st.integers(0, 1000))
+def test_noise_of_the_markers_is_no_motion_of_the_port(noise: float, count: int, seed: int) -> None:
+    assert collect_frames(np.zeros(count), noise, seed).compute_target(0).swing_px == 0.0
+
+
+def test_one_marker_that_moves_is_no_motion_of_the_port() -> None:
+    frames = collect_frames(breathe(20.0, 4.0, 0.0), 0.1, 1, markers=1)
+    assert "marker 1 is detected at positions" in frames.describe_disagreement()
+
+
+@pytest.mark.parametrize("swing_px", [0.0, 3.0])
+def test_a_stop_mentions_the_motion_that_the_target_was_taught_with(swing_px: float) -> None:
+    lab = make_laboratory()
+    points = lab.target.points + np.array([[25.0, 0.0], [0.0, 0.0]])
+    target = replace(lab.target, points=points, swing_px=swing_px)
+    lab.plant.enable()
+    for tick in servo_ticks(lab.plant, lab.servo(), target, 4.0):
+        if tick.state.phase is Phase.PAUSED:
+            break
+    assert tick.state.cause is Cause.IMPLAUSIBLE
+    assert ("both markers moved by ±3.0 px" in tick.state.text) == (swing_px > 0.0)

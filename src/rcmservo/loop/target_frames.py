@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.constraints import between
-from rcmservo.interfaces import Floats, Observation, Target
+from rcmservo.interfaces import Floats, Observation, Target, describe_swing
 
 TEACHING_FRAMES = 300
 """Default number of frames that are averaged into a target: 5 s at 60 frames per second. At 1 px of
@@ -30,6 +30,18 @@ OUTLIER_SIGMAS = 6.0
 
 MAX_LEFT_OUT_FRACTION = 0.25
 """Largest fraction of the frames that may be left out; beyond it, the right ones are in doubt."""
+
+SWING_BLOCKS = 20
+"""Number of successive parts of the frames whose means show a slow motion of the markers."""
+
+MIN_SWING_PX, MIN_SWING_SIGMAS = 1.0, 5.0
+"""Smallest amplitude of such a motion, in px and in standard deviations of a mean by noise.
+
+Air and focus move the markers by less than a px.
+"""
+
+MAX_SWING_STEP = 1.0
+"""Largest change from part to part as a ratio of the motion; wrong detections change by 1.4."""
 
 MAX_JOINT_MOTION = np.array([0.008, 0.008, 0.6])
 """Largest deviation (rad, rad, mm) of the joints from their median if the tool is held still."""
@@ -70,7 +82,28 @@ class TargetFrames:
         agrees = ~np.any(self._find_outliers(), axis=1)
         points, q = np.array(self.points)[agrees].mean(axis=0), np.array(self.joints)[agrees]
         radii = mean_of_finite(np.array(self.sizes)[agrees])
-        return Target(points, q.mean(axis=0), since, radii, int((~agrees).sum()))
+        left_out, swing_px = int((~agrees).sum()), self.measure_swing()
+        return Target(points, q.mean(axis=0), since, radii, left_out, swing_px)
+
+    def measure_swing(self) -> float:
+        """Return the amplitude (px) of a slow motion of both markers; 0 if there is none.
+
+        It is √2 times the standard deviation of the means of successive frames, as of a sine. Noise
+        differs from frame to frame, so that differences of successive frames show it alone.
+        """
+        points = np.array(self.points).reshape(-1, 4)
+        size = max(len(points) // SWING_BLOCKS, 1)
+        blocks = len(points) // size
+        if blocks < SWING_BLOCKS // 2:
+            return 0.0
+        means = np.median(points[: blocks * size].reshape(blocks, size, 4), axis=1)
+        noise = MAD_TO_STD * np.median(np.abs(np.diff(points, axis=0)), axis=0) / np.sqrt(2.0)
+        swing_px = np.sqrt(2.0) * _combine_axes(means.std(axis=0))
+        steps_px = np.sqrt(2.0) * _combine_axes(np.diff(means, axis=0).std(axis=0))
+        noise_px = _combine_axes(noise / np.sqrt(size))
+        is_clear = swing_px > np.maximum(MIN_SWING_PX, MIN_SWING_SIGMAS * noise_px)
+        is_slow = steps_px < MAX_SWING_STEP * swing_px
+        return float(swing_px.min()) if (is_clear & is_slow).all() else 0.0
 
     def describe_disagreement(self) -> str:
         """Return a sentence on the disagreement of the frames; empty if enough of them agree."""
@@ -88,6 +121,9 @@ class TargetFrames:
             is_unsteady |= np.any(is_outlier, axis=0)
         if not is_unsteady.any():
             return ""
+        swing_px = self.measure_swing()
+        if swing_px > 0.0:
+            return describe_swing(swing_px)
         markers = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(is_unsteady))
         largest_px = float(self._compute_deviations().max())
         return (
@@ -107,6 +143,12 @@ class TargetFrames:
         """Return which markers (n, 2) deviate from their median by more than noise."""
         limit_px = OUTLIER_SIGMAS * np.maximum(self._estimate_noise(), NOISE_FLOOR_PX)
         return np.any(self._compute_deviations() > limit_px, axis=2)
+
+
+def _combine_axes(numbers: Floats) -> Floats:
+    """Return the norm (2,) over the coordinates of each marker, from numbers (4,) of both."""
+    norms: Floats = np.linalg.norm(numbers.reshape(2, 2), axis=1)
+    return norms
 
 
 def mean_of_finite(rows: Floats) -> Floats:

@@ -456,6 +456,19 @@ def _describe_member(cause: Cause) -> str:
 
 Cause.__doc__ = inspect.cleandoc(Cause.__doc__ or "") + "".join(map(_describe_member, Cause)) + "\n"
 
+EXPLAINED_BY_MOTION = frozenset(
+    {
+        Cause.CAMERA_MOVED,
+        Cause.SURPRISED,
+        Cause.DRIFTS,
+        Cause.IMPLAUSIBLE,
+        Cause.ELSEWHERE,
+        Cause.DIVERGED,
+        Cause.NOT_EXPLORED,
+    }
+)
+"""Causes that a motion of the port or of the camera may have."""
+
 CAUSES = tuple(Cause)
 """All causes, indexed by their codes."""
 

@@ -30,6 +30,7 @@ from rcmservo.geometry.kinematics import (
 from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.interfaces import NEVER_NS, Floats, Observation, Target, observation_numbers
 from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
+from rcmservo.safety.causes import EXPLAINED_BY_MOTION
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
 from rcmservo.safety.monitor_state import initial_monitor_state
@@ -450,4 +451,7 @@ class Servo(Checked):
             self.estimator.advice,
             state.stored.exploration_state,
         )
-        return state.cause.declared.detail(facts)
+        details = [state.cause.declared.detail(facts)]
+        if state.cause in EXPLAINED_BY_MOTION:
+            details.append(state.target.swing_text)
+        return "; ".join(text for text in details if text)

@@ -305,7 +305,8 @@ class State(NamedTuple):
     def bound_parts(self) -> Floats:
         """Parts (3,) of `pose_bound` in mm: noise of the markers, errors of the arm, way left.
 
-        The errors are those of arm, tool and lens. The bound is the root of the squares of the first two, plus the third.
+        The errors are those of arm, tool and lens. The bound is the root of the squares of the
+        first two, plus the third.
         """
         return self.decision.bound_parts
 

@@ -190,6 +190,8 @@ def teach_by_hand(
         else:
             left_out = f" {target.left_out} frames were left out: their markers were elsewhere."
             operator.notify("The target is taught." + (left_out if target.left_out else ""))
+            if target.swing_text:
+                operator.notify(f"Note: {target.swing_text}")
             return target
 
 
