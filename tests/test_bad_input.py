@@ -1,5 +1,6 @@
 """Bad input: one sentence that names the invalid value, exit code 2, and no files left behind."""
 
+import pickle
 import shutil
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.cli.cli import main
+from rcmservo.errors import BadInput, NotInstalled, RcmServoError, Stopped, UnusableFile
 from rcmservo.sim.scenes import sampling
 
 INVALID_RIGS = {
@@ -313,3 +315,19 @@ def test_a_truncated_jpeg_is_refused(
     data = frame.read_bytes()
     frame.write_bytes(data[: int(fraction * len(data))])
     assert_refused(["replay", str(recording)], capsys, "01.jpg")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        BadInput("seed", -1, "a whole number"),
+        UnusableFile("rig.toml", "is empty"),
+        NotInstalled("study", "dask", "study"),
+        Stopped("by Ctrl-C"),
+    ],
+)
+def test_an_error_reaches_another_process_as_it_is(error: RcmServoError) -> None:
+    """A pool whose worker raises an error that cannot be read waits for ever."""
+    received = pickle.loads(pickle.dumps(error))
+    assert type(received) is type(error)
+    assert (str(received), vars(received)) == (str(error), vars(error))

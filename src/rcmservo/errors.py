@@ -3,6 +3,7 @@
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import PurePath
+from typing import Any
 
 
 class RcmServoError(Exception):
@@ -30,6 +31,16 @@ class RcmServoError(Exception):
       `rcmservo.cli.argument_parsing.parse`, ``NoPagePort`` in `rcmservo.page.web.access`,
       ``NotMeasured`` in `rcmservo.paper.plan`.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what a process sends to another one, for arguments other than the message."""
+        return _restore_error, (type(self), self.args, self.__dict__)
+
+
+def _restore_error(kind: type[RcmServoError], args: tuple[Any, ...], state: Any) -> RcmServoError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 MAX_QUOTED_CHARACTERS = 200

@@ -593,13 +593,13 @@ def run_steps():
         exploration = Exploration(leg_time=0.1, tolerance=0.9)
         law = SaturatedController(features=features)
         thresholds = Thresholds(max_target_deviation=60.0 if name == "kalman" else 6.0)
-        options = {"thresholds": thresholds, "exploration": exploration, "rate": 50.0}
-        servo = Servo(rcm, tool, estimator, law, **options)
+        servo = Servo(
+            rcm, tool, estimator, law, thresholds=thresholds, exploration=exploration, rate=50.0
+        )
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
         p_d = rcm.position(q + np.array([0.05, -0.04, 6.0]))
         target = Target(pixels(C, p_d), rcm.joints(p_d), sizes=radii(C, p_d))
-        state, phases, executed = servo.init(), [], np.zeros(3)
-        rates, J, delta = [], [], []
+        state, executed, phases, rates, J, delta = servo.init(), np.zeros(3), [], [], [], []
         for k in range(1, 75):
             time = 20_000_000 * k
             applied, points = executed, pixels(C, rcm.position(q))

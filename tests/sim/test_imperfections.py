@@ -40,6 +40,33 @@ def displace(settings: RigSettings, seed: int, q: Floats) -> Floats:
     return settings.make_body(seed).points(q)[:2] - ideal.make_body(seed).points(q)[:2]
 
 
+@given(seeds, st.floats(-0.5, 0.5), st.floats(-20.0, 20.0))
+def test_spacing_and_insertion_move_the_markers_along_the_tool(
+    seed: int, spacing: float, insertion_mm: float
+) -> None:
+    q = np.array([1.0, 0.5, 120.0])
+    settings = make_settings(spacing_error=spacing, insertion_error=insertion_mm)
+    p1, p2, *_ = settings.make_body(seed).points(q)
+    ideal_1, ideal_2, *_ = make_settings().make_body(seed).points(q)
+    axis = ideal_1 / np.linalg.norm(ideal_1)
+    np.testing.assert_allclose(p1, ideal_1 + insertion_mm * axis, atol=1e-9)
+    np.testing.assert_allclose(p2 - p1, (1.0 + spacing) * (ideal_2 - ideal_1), atol=1e-9)
+
+
+@given(seeds, st.floats(0.0, 0.5))
+def test_tissue_bends_the_tool_back_across_its_axis_on_one_side(seed: int, bend: float) -> None:
+    bent, ideal = make_settings(tissue_bend=bend), make_settings()
+    (lower, upper), errors = ideal.mechanism.limits.arrays, bent.imperfections.draw(seed)
+    middle = ideal.make_body(seed).points(0.5 * (lower + upper))[0]
+    for q in np.linspace(lower, upper, 7):
+        points, straight = (one.make_body(seed).points(q)[:2] for one in (bent, ideal))
+        depths = (straight - middle) @ errors.tissue_side
+        axis = straight[0] / np.linalg.norm(straight[0])
+        across = errors.tissue_side - (errors.tissue_side @ axis) * axis
+        expected = -bend * np.maximum(depths, 0.0)[:, None] * across
+        np.testing.assert_allclose(points - straight, expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("mechanism", MECHANISMS)
 @given(seed=seeds)
 def test_markers_are_as_far_from_the_axis_in_every_pose(mechanism: str, seed: int) -> None:

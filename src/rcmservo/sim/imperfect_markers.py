@@ -34,10 +34,14 @@ class ImperfectionsStruct(Row):
     shaft_offset: Floats = reals(2, "mm", "insertion axis along a and b from the RCM")
     marker_offsets: Floats = reals((2, 2), "mm", "each marker along a and b, without roll")
     roll: float = real("rad/rad", "rotation about the tool's axis per rotation of joint 1")
+    spacing_ratio: float = real("", "distance between the markers divided by the nominal one")
+    insertion_error: float = real("mm", "actual minus reported insertion")
     half_gap: Floats = reals(3, "rad, rad, mm", "half of the backlash")
     start_in_gap: Floats = reals(3, "", "place of the tool in the gap at the start, -1 to 1")
     target_in_gap: Floats = reals(3, "", "the same while the target is taught")
     friction_bend: float = real("s", "deflection against a lateral motion, per speed")
+    tissue_bend: float = real("", "fraction by which tissue bends the tool back")
+    tissue_side: Floats = reals(3, "", "direction into the tissue")
     port: Floats = reals(3, "mm", "amplitude of the RCM's motion")
     port_phase: float = real("rad", "phase of this motion")
     rate_ratios: Floats = reals(3, "", "actual rate of a joint divided by the commanded one")
@@ -48,7 +52,7 @@ class ImperfectionsStruct(Row):
     focus_phase: float = real("rad", "phase of this change")
 
 
-NO_IMPERFECTIONS = ImperfectionsStruct.of(rate_ratios=1.0)
+NO_IMPERFECTIONS = ImperfectionsStruct.of(rate_ratios=1.0, spacing_ratio=1.0)
 """An ideal arm."""
 
 
@@ -78,16 +82,57 @@ def move_across(
 
 
 @compiled
+def place_on_axis(
+    errors: ImperfectionsStruct, rcm: RcmStruct, tool: ToolStruct, q: Floats, p1: Point, k: int
+) -> Point:
+    """Return marker k on the axis of the tool, mm, with the errors of insertion and spacing.
+
+    p1 mm is marker 1 without them.
+    """
+    n, more_mm, p2 = compute_axis_tuple(rcm, q), errors.insertion_error, p1
+    if k == 1:
+        p2, ratio = compute_second_marker_tuple(tool, p1), errors.spacing_ratio
+        p2 = (
+            p1[0] + ratio * (p2[0] - p1[0]),
+            p1[1] + ratio * (p2[1] - p1[1]),
+            p1[2] + ratio * (p2[2] - p1[2]),
+        )
+    return p2[0] + more_mm * n[0], p2[1] + more_mm * n[1], p2[2] + more_mm * n[2]
+
+
+@compiled
+def bend_by_tissue(errors: ImperfectionsStruct, rcm: RcmStruct, q: Floats, p: Point) -> Point:
+    """Return a point p mm of a tool that tissue on one side of the workspace's middle bends back.
+
+    The deflection across the shaft is the fraction `tissue_bend` of the point's depth in it.
+    """
+    lower, upper, t, n = rcm.lower, rcm.upper, errors.tissue_side, compute_axis_tuple(rcm, q)
+    middle = (
+        0.5 * (lower[0] + upper[0]),
+        0.5 * (lower[1] + upper[1]),
+        0.5 * (lower[2] + upper[2]),
+    )
+    p_0 = compute_position_tuple(rcm, middle)
+    depth = t[0] * (p[0] - p_0[0]) + t[1] * (p[1] - p_0[1]) + t[2] * (p[2] - p_0[2])
+    along, bend = t[0] * n[0] + t[1] * n[1] + t[2] * n[2], errors.tissue_bend * max(depth, 0.0)
+    return (
+        p[0] - bend * (t[0] - along * n[0]),
+        p[1] - bend * (t[1] - along * n[1]),
+        p[2] - bend * (t[2] - along * n[2]),
+    )
+
+
+@compiled
 def place_resting_marker(
     errors: ImperfectionsStruct, rcm: RcmStruct, tool: ToolStruct, q: Floats, k: int
 ) -> Point:
     """Return marker k on a shaft that is straight, with the port in its middle, mm."""
     p = compute_position_tuple(rcm, q)
-    if k == 1:
-        p = compute_second_marker_tuple(tool, p)
     if not errors.is_any:
-        return p
-    return move_across(errors, rcm, q, p, errors.marker_offsets[k], errors.roll * q[0])
+        return compute_second_marker_tuple(tool, p) if k == 1 else p
+    p = place_on_axis(errors, rcm, tool, q, p, k)
+    p = move_across(errors, rcm, q, p, errors.marker_offsets[k], errors.roll * q[0])
+    return bend_by_tissue(errors, rcm, q, p)
 
 
 @compiled

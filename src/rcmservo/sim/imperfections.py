@@ -41,11 +41,18 @@ class Imperfections(Checked, section="imperfections"):
         Distance of each marker from the tool's axis, mm.
     roll : float
         Rotation of the tool about its axis per rotation of joint 1, rad/rad, from -10 to 10.
+    spacing_error : float
+        Relative error of the distance between the markers, from -0.5 to 0.5.
+    insertion_error : float
+        Actual minus reported insertion, from -50 to 50 mm.
     backlash : Triple
         Lost motion of each joint when it turns back, rad, rad, mm: the encoders are at the motors.
     friction_bend : float
         Deflection of the markers against a motion across the shaft, per speed, s: 0.02 is 0.02 mm
         per mm/s.
+    tissue_bend : float
+        Fraction by which tissue on one side of the middle of the workspace bends the tool back
+        when it is pressed into it, from 0 to 0.5.
     port_motion : float
         Amplitude (mm) of a periodic motion of the RCM, as of a port that moves with the breath.
     gain_error : float
@@ -76,12 +83,15 @@ class Imperfections(Checked, section="imperfections"):
     insertion_distance: Annotated[float, UP_TO_50_MM] = 0.0
     marker_distance: Annotated[float, UP_TO_50_MM] = 0.0
     roll: Annotated[float, between(-10.0, 10.0, "a ratio")] = 0.0
+    spacing_error: Annotated[float, between(-0.5, 0.5, "a ratio")] = 0.0
+    insertion_error: Annotated[float, between(-50.0, 50.0, "a length", "mm")] = 0.0
     backlash: Annotated[
         Triple,
         each(not_negative(), "three numbers that are not negative (rad, rad, mm)"),
         angles(FULL_TURN_RAD, first=2),
     ] = (0.0, 0.0, 0.0)
     friction_bend: Annotated[float, UP_TO_1_S] = 0.0
+    tissue_bend: Annotated[float, UP_TO_HALF] = 0.0
     port_motion: Annotated[float, UP_TO_50_MM] = 0.0
     gain_error: Annotated[float, UP_TO_HALF] = 0.0
     report_period: Annotated[float, UP_TO_1_S] = 0.0
@@ -106,6 +116,8 @@ class Imperfections(Checked, section="imperfections"):
             shaft_offset=insertion,
             marker_offsets=np.array(markers) + insertion,
             roll=self.roll,
+            spacing_ratio=1.0 + self.spacing_error,
+            insertion_error=self.insertion_error,
             half_gap=0.5 * np.array(self.backlash),
             start_in_gap=random.uniform(-1.0, 1.0, 3),
             target_in_gap=random.uniform(-1.0, 1.0, 3),
@@ -118,6 +130,8 @@ class Imperfections(Checked, section="imperfections"):
             read_out=self.read_out,
             focus=self.focus,
             focus_phase=random.uniform(0.0, 2.0 * np.pi),
+            tissue_bend=self.tissue_bend,
+            tissue_side=draw_direction(random, 3),
         )
 
 
