@@ -33,7 +33,7 @@ MOVED = 10.5
 SHOWN = 5.0
 """Time (s) for which a target is taught."""
 
-EXPLORING, ON_THE_WAY, AFTER = (0.3, 1.8), (2.2, 5.0), (8.0, 12.0)
+EXPLORING, ON_THE_WAY, AFTER = (0.1, 0.6), (0.65, 1.9), (8.0, 12.0)
 """Intervals (s) after the start of a run: exploration, motion to the target, settled."""
 
 RUN, SHOWING, TWO_RUNS = "in the run", "while teaching", "between two runs"
@@ -184,6 +184,17 @@ ROWS: dict[str, Trouble] = {
     "pan_slow": Trouble(
         "the camera turns at 5 px/s for 9 s", acting("camera_pan", lasts=9.0, px=45.0)
     ),
+    "pan_1": Trouble(
+        "the camera turns at 1 px/s for 15 s", acting("camera_pan", lasts=15.0, px=15.0)
+    ),
+    "pan_3": Trouble(
+        "the camera turns at 3 px/s for 12 s", acting("camera_pan", lasts=12.0, px=36.0)
+    ),
+    "bump": Trouble(
+        "the camera turns by 8 px at once, on the way",
+        acting("camera_pan", evenly(*ON_THE_WAY), px=8.0),
+    ),
+    "bump_after": Trouble("the same after settling", acting("camera_pan", evenly(*AFTER), px=8.0)),
     "dolly": Trouble(
         "the camera moves by 8 mm along its optical axis, at 2 mm/s",
         acting("camera_dolly", lasts=4.0, mm=either_way(8.0)),
@@ -232,6 +243,14 @@ ROWS: dict[str, Trouble] = {
         "as clocks, but with arrivals by the same clock", acting("camera_clock", s=either_way(0.03))
     ),
     "lag": Trouble("the drives lag by 60 ms", lambda random: [], RUN, LAGS, Drive(lag=0.06)),
+    "blocked": Trouble(
+        "an axis is blocked, on the way",
+        acting("gain", evenly(*ON_THE_WAY), axis=lambda random: random.integers(1, 4), factor=0.0),
+    ),
+    "gain_80": Trouble(
+        "an axis follows by 80 % instead of 100 %, from a time on the way",
+        acting("gain", evenly(*ON_THE_WAY), axis=lambda random: random.integers(1, 4), factor=0.8),
+    ),
     "latency": Trouble("frames arrive 0.25 s later than before", acting("latency", s=0.25)),
     "creep": Trouble(
         "a joint creeps at 0.3-5 deg/s or mm/s",
