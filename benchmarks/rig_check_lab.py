@@ -76,7 +76,7 @@ class MiswiredArm:
         self.true = np.array(mistake.counts)
         self.counts = self.true * mistake.factors
         self.axes = [AXES.index(letter) for letter in mistake.axes]
-        self.mark = rig.truth.arm.q_true.copy()
+        self.mark = rig.truth.arm.q_motor.copy()
         self.start = self._second()
         self.max_travel, self.history, self.known = 0.0, [], True
         self.commands: list[Command] = []
@@ -105,7 +105,7 @@ class MiswiredArm:
 
     def measure(self) -> ArmMeasurement:
         now = self.rig.arm.measure()
-        moved = np.round((self.q_true - self.mark) * self.true)
+        moved = np.round((self.rig.truth.arm.q_motor - self.mark) * self.true)
         return ArmMeasurement(now.time, self.mark + moved[self.axes] / self.counts, now.enabled)
 
     def apply(self, command: Command) -> Floats:

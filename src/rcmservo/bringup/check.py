@@ -1,9 +1,10 @@
 """Sequence of steps of `rig check`, from the first frames to corrections of the rig file.
 
 The check observes the tool at rest, moves each joint slightly, fits hypotheses about one mistake in
-the rig file to the observations, and asks the operator where the image leaves several possible. It
-uses only the readings of arm and camera and the operator's answers. The drive is off when it ends,
-also after an error or an interrupt.
+the rig file to the observations, and asks the operator where the image leaves several possible. If
+the rig file is right, it measures the backlash of each joint. It uses only the readings of arm and
+camera and the operator's answers. The drive is off when it ends, also after an error or an
+interrupt.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
+from rcmservo.bringup.backlash import Backlash, measure_backlash
 from rcmservo.bringup.corrections import (
     describe_hypothesis,
     describe_undetectable_error,
@@ -68,6 +70,8 @@ class CheckReport:
         Identified latency of the camera; None if it was not measured.
     lag : float
         Lag (s) of the drives; 0 if it was not measured.
+    backlash : list[Backlash]
+        Backlash of each joint; empty unless the other steps confirm the rig file.
     undecided : list[str]
         Hypotheses that the image does not distinguish, in words; the operator decided.
     unclear : list[str]
@@ -83,6 +87,7 @@ class CheckReport:
     rest: StillView | None = None
     latency: CameraLatency | None = None
     lag: float = 0.0
+    backlash: list[Backlash] = field(default_factory=list[Backlash])
     undecided: list[str] = field(default_factory=list[str])
     unclear: list[str] = field(default_factory=list[str])
     done: bool = False
@@ -191,6 +196,8 @@ class _Check:
         fits = escalation.run(lambda joint: self._require_stop(escalation, joint))
         self._measure_times(escalation)
         self._add_corrections(escalation, fits)
+        if not report.findings:
+            self._measure_backlash(escalation)
 
     def _require_room(self, q: Floats) -> None:
         """Abort if a joint is within `LIMIT_MARGIN_MM` of a limit, or beyond it."""
@@ -237,6 +244,15 @@ class _Check:
         report.lag = identify_drive_lag(trace, np.array(self.mover.gate.speed))
         report.findings += compare_latency(report.latency, self.latency, self.has_latency_key)
         report.findings += compare_drive_lag(report.lag, self.thresholds.drive_lag)
+
+    def _measure_backlash(self, escalation: MotionEscalation) -> None:
+        """Approach the start from both sides with each joint."""
+        for joint in range(3):
+            motion = escalation.choose_next_motion(joint)
+            details = ", up, down and up again, each time and back"
+            require_yes(self.operator, escalation.format_question(joint, motion, details))
+            bound = escalation.compute_bound(joint, motion)
+            self.report.backlash.append(measure_backlash(self.mover, joint, motion, bound))
 
     def _add_corrections(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
         """Add the corrections of the hypotheses that agree with the operator's answers."""

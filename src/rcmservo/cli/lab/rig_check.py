@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rcmservo.bringup.axis_wiring import Robot
+from rcmservo.bringup.backlash import Backlash
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
@@ -168,6 +169,26 @@ def print_report(report: CheckReport, robot: Robot, console: Console) -> None:
     console.print(errors)
 
 
+def describe_backlash(backlash: Backlash, robot: Robot) -> tuple[str, str]:
+    """Return the name and the size of a backlash, and how well a pose is repeated."""
+    joint = backlash.joint
+    unit, scale = (" mm", 1.0) if joint == 2 else (" deg", np.degrees(1.0))
+    sizes = scale * np.array([backlash.size, 2.0 * backlash.deviation, backlash.repeatability])
+    size = f"{sizes[0]:.3f}{unit} ± {sizes[1]:.3f}" if backlash.is_measured else "none"
+    return (
+        f"backlash of {robot.describe_joint(joint)}",
+        f"{size}, a pose is repeated within {max(sizes[2], sizes[1]):.3f}{unit}",
+    )
+
+
+def format_simulation_lines(report: CheckReport) -> str:
+    """Return the sections of a rig file that simulate the measured backlash and lag."""
+    sizes = [one.size if one.is_measured else 0.0 for one in report.backlash]
+    backlash = ", ".join(f"{size:.2g}" for size in sizes)
+    lag = f"\n[drive]\nlag = {report.lag:.3f}" if report.lag > 0.0 else ""
+    return f"[imperfections]\nbacklash = [{backlash}]{lag}"
+
+
 def list_measurements(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
@@ -189,6 +210,9 @@ def list_measurements(report: CheckReport, robot: Robot) -> list[tuple[str, str]
         rows.append(("latency", f"{value}; jitter {1e3 * latency.jitter:.1f} ms"))
     if report.lag > 0.0:
         rows.append(("drive lag", f"{1e3 * report.lag:.0f} ms"))
+    rows += [describe_backlash(backlash, robot) for backlash in report.backlash]
+    if report.backlash:
+        rows.append(("lines for a simulation of this arm", format_simulation_lines(report)))
     if report.undecided:
         rows.append(("not distinguished by the image", "\n".join(report.undecided)))
     if report.unclear:
