@@ -68,6 +68,17 @@ def test_the_iiwa_arrives_within_1_mm() -> None:
 
 @pybullet
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 9])
+def test_without_antialiasing_it_arrives_too(
+    example: Any, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The markers then scatter more than the tracker reports."""
+    monkeypatch.setattr(example, "SAMPLES", example.IMAGE_PX)
+    assert example.run_seed(seed) < 1.0
+
+
+@pybullet
+@pytest.mark.slow
 def test_the_shaft_stays_in_the_port_while_the_tool_follows_its_joint_rates(example: Any) -> None:
     lab, q, rates = example.IiwaLab(example.EYE), np.array([0.2, -0.1, 100.0]), (0.2, -0.3, 20.0)
     lab.place(q)

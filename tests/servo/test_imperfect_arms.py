@@ -4,7 +4,9 @@ Each row of `ROWS` once stopped most of its runs (benchmarks: `rcmservo study --
 """
 
 import math
+import re
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 from unnoticed import one
@@ -88,3 +90,22 @@ def test_trouble_is_found_by_where_the_tool_would_stop(case: tuple[str, int]) ->
     run = one(*case)
     assert run.stops and not run.settled
     assert run.grown < 5.0
+
+
+def test_a_stop_of_a_worn_arm_names_its_errors_with_their_size() -> None:
+    """The size is compared with that of the same run without noise of the markers."""
+    texts = []
+    for noise_px in (0.3, 0.0):
+        settings = replace(read_rig_settings(RigDescription(), "worn"), point_noise=noise_px)
+        rig = rs.sim.Rig(62000, settings, pictures=False)
+        target = rig.teach(300)
+        rig.plant.reset()
+        rig.plant.enable()
+        servo = rs.Servo(rig.mechanism, rig.tool)
+        for tick in rs.servo_ticks(rig.plant, servo, target, 8.0):
+            if tick.state.phase is rs.Phase.PAUSED:
+                break
+        assert tick.state.cause is rs.Cause.DRIFTS
+        texts.append(tick.state.text)
+    measured, true = (float(re.findall(r"errors of (.*?) mm \(rms\)", text)[0]) for text in texts)
+    assert 0.5 * true < measured < 2.0 * true

@@ -469,6 +469,9 @@ EXPLAINED_BY_MOTION = frozenset(
 )
 """Causes that a motion of the port or of the camera may have."""
 
+EXPLAINED_BY_ARM = EXPLAINED_BY_MOTION - {Cause.CAMERA_MOVED, Cause.NOT_EXPLORED}
+"""Causes that errors of arm, tool and lens may have."""
+
 CAUSES = tuple(Cause)
 """All causes, indexed by their codes."""
 

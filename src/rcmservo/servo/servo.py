@@ -30,10 +30,11 @@ from rcmservo.geometry.kinematics import (
 from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.interfaces import NEVER_NS, Floats, Observation, Target, observation_numbers
 from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
-from rcmservo.safety.causes import EXPLAINED_BY_MOTION
+from rcmservo.safety.causes import EXPLAINED_BY_ARM, EXPLAINED_BY_MOTION
+from rcmservo.safety.checks.drift import describe_arm_error
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
-from rcmservo.safety.monitor_state import initial_monitor_state
+from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.safety.target_checks import require_joints_within_limits, require_possible_markers
 from rcmservo.safety.thresholds import Thresholds
@@ -386,7 +387,8 @@ class Servo(Checked):
         next_state = State(stored, memory, target, state.detail)
         if not cause_changed:
             return next_state
-        return next_state._replace(detail=failure or self._describe_cause(next_state, observation))
+        detail = failure or self._describe_cause(next_state, observation, state.monitor)
+        return next_state._replace(detail=detail)
 
     def _update_estimate(
         self, stored: StoredState, memory: Any, observation: Observation, target: Target, dt: float
@@ -436,8 +438,11 @@ class Servo(Checked):
         estimate.controlled_error[:n], estimate.controlled_jacobian[:n] = error, jacobian
         return failure
 
-    def _describe_cause(self, state: State, observation: Observation) -> str:
-        """Return the details of a new cause, such as the joint concerned."""
+    def _describe_cause(self, state: State, observation: Observation, before: MonitorState) -> str:
+        """Return the details of a new cause, such as the joint concerned.
+
+        `before` is the state of the checks before the tick, as a cause may reset it.
+        """
         assert state.target is not None
         facts = DetailFacts(
             observation,
@@ -454,4 +459,6 @@ class Servo(Checked):
         details = [state.cause.declared.detail(facts)]
         if state.cause in EXPLAINED_BY_MOTION:
             details.append(state.target.swing_text)
+        if state.cause in EXPLAINED_BY_ARM:
+            details.append(describe_arm_error(before))
         return "; ".join(text for text in details if text)

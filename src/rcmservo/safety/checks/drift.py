@@ -35,6 +35,9 @@ ARM_ERROR_FACTOR = 8.0
 MAX_ARM_ERROR_RATIO = 1.7
 """Largest such residual, as a multiple of `max_arm_error`."""
 
+MIN_NAMED_ERROR_MM = 0.1
+"""Errors (mm, rms) on the way that a stop mentions; those of an ideal arm are below 0.05."""
+
 SINGLE_DRIFT_RATIO = 3.0
 """A marker drifts alone if its mean residual exceeds this multiple of the other's."""
 
@@ -160,6 +163,18 @@ def update_mean_residual(
 def compute_arm_error(monitor: MonitorState) -> float:
     """Return the rms (mm) of the mean residuals on the way to the target, 0 before."""
     return np.sqrt(monitor.residual_sums[0] / max(monitor.residual_sums[1], 1.0))
+
+
+def describe_arm_error(monitor: MonitorState) -> str:
+    """Describe large errors of arm, tool and lens on the way; empty if they were small."""
+    squares, count = monitor.residual_sums
+    arm_error_mm = np.sqrt(squares / max(count, 1.0))
+    if not arm_error_mm > MIN_NAMED_ERROR_MM:
+        return ""
+    return (
+        f"arm, tool and lens had errors of {arm_error_mm:.2f} mm (rms) on the way, as by backlash, "
+        "bending, or markers off the axis"
+    )
 
 
 @compiled
