@@ -81,6 +81,35 @@ def test_a_worn_arm_arrives_in_most_runs() -> None:
     assert near >= 0.7 * len(SEEDS), stops
 
 
+def run_to_stop(seed: int, settings: RigSettings) -> rs.State:
+    """Return the state at the first stop of a run, or at its end."""
+    rig = rs.sim.Rig(seed, settings, pictures=False)
+    target = rig.teach(300)
+    rig.plant.reset()
+    rig.plant.enable()
+    servo = rs.Servo(rig.mechanism, rig.tool)
+    for tick in rs.servo_ticks(rig.plant, servo, target, 12.0):
+        if tick.state.phase.name in STOPPED:
+            break
+    return tick.state
+
+
+@pytest.mark.parametrize("seed", [7002, 7019])
+@pytest.mark.parametrize("period", [0.033, 0.05])
+def test_joints_at_20_hz_are_enough(seed: int, period: float) -> None:
+    """In these scenes a joint that was read before was taken for one at rest."""
+    state = run_to_stop(seed, imperfect(report_period=period))
+    assert state.phase is rs.Phase.SERVO and state.monitor.report_period == pytest.approx(
+        period * 1e9, rel=0.4
+    )
+
+
+@pytest.mark.parametrize("seed", range(7000, 7004))
+def test_joints_at_10_hz_are_named(seed: int) -> None:
+    state = run_to_stop(seed, imperfect(report_period=0.1))
+    assert state.phase.name in STOPPED and "new joints arrive at 10 Hz only" in state.text
+
+
 LATE = [("dolly_in", 9015), ("slide_3", 9002), ("slide_3", 9015), ("dolly_in", 9008)]
 
 
@@ -94,18 +123,9 @@ def test_trouble_is_found_by_where_the_tool_would_stop(case: tuple[str, int]) ->
 
 def test_a_stop_of_a_worn_arm_names_its_errors_with_their_size() -> None:
     """The size is compared with that of the same run without noise of the markers."""
-    texts = []
-    for noise_px in (0.3, 0.0):
-        settings = replace(read_rig_settings(RigDescription(), "worn"), point_noise=noise_px)
-        rig = rs.sim.Rig(62000, settings, pictures=False)
-        target = rig.teach(300)
-        rig.plant.reset()
-        rig.plant.enable()
-        servo = rs.Servo(rig.mechanism, rig.tool)
-        for tick in rs.servo_ticks(rig.plant, servo, target, 8.0):
-            if tick.state.phase is rs.Phase.PAUSED:
-                break
-        assert tick.state.cause is rs.Cause.DRIFTS
-        texts.append(tick.state.text)
+    worn = read_rig_settings(RigDescription(), "worn")
+    states = [run_to_stop(62000, replace(worn, point_noise=noise_px)) for noise_px in (0.3, 0.0)]
+    assert {state.cause for state in states} == {rs.Cause.DRIFTS}
+    texts = [state.text for state in states]
     measured, true = (float(re.findall(r"errors of (.*?) mm \(rms\)", text)[0]) for text in texts)
     assert 0.5 * true < measured < 2.0 * true

@@ -472,6 +472,13 @@ EXPLAINED_BY_MOTION = frozenset(
 EXPLAINED_BY_ARM = EXPLAINED_BY_MOTION - {Cause.CAMERA_MOVED, Cause.NOT_EXPLORED}
 """Causes that errors of arm, tool and lens may have."""
 
+EXPLAINED_BY_REPORTS = EXPLAINED_BY_MOTION | {
+    Cause.NOT_FOLLOWING,
+    Cause.STANDS_STILL,
+    Cause.SWAPPED,
+}
+"""Causes that joints which arrive too seldom may have."""
+
 CAUSES = tuple(Cause)
 """All causes, indexed by their codes."""
 

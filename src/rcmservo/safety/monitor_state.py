@@ -51,6 +51,9 @@ POSSIBLE_RESPONSES = 4
 MAX_REPORT_PERIOD_NS = 60_000_000
 """Time (ns) for which joints may be repeated without counting as joints that rest."""
 
+REPORT_PERIOD_SMOOTHING = 0.2
+"""Weight of a new interval in the filtered period of the joints."""
+
 SLOW_RATIO = 4.0
 """Rate (1/s) of a slow joint in units of `max_following_error`: 0.032 rad/s or 2.4 mm/s."""
 
@@ -90,6 +93,8 @@ class MonitorState(Row):
     )
     reported_joints: Floats = reals(3, "rad, rad, mm", "newest joints that differ from the last")
     reported_at: int = whole("ns", "time of the first tick with them")
+    report_period: float = real("ns", "filtered time between two such joints in motion, 0 unknown")
+    reports_are_timed: bool = flag("True if the joints have moved since the newest report")
     was_measuring: bool = flag("True if the drives' response was being measured at the last tick")
     joints_are_fresh: bool = flag("False if this tick repeats joints that were read before")
     joints_time: int = whole("ns", "time of the newest joint positions")
@@ -203,7 +208,7 @@ def monitor_loop(
     is_late = interval_ns > (1.0 + thresholds.late_tick_fraction) * period_ns
     monitor.tick_interval = interval_ns
     monitor.late_ticks = monitor.late_ticks + 1 if is_late else 0
-    monitor_reports(monitor)
+    monitor_reports(monitor, thresholds)
     if observation.enabled and all_finite(monitor.predicted_joints):
         predict_joints(monitor, drives, is_servoing, thresholds)
         find_resting_joints(monitor, is_servoing, thresholds)
@@ -216,10 +221,17 @@ def monitor_loop(
 
 
 @compiled
-def monitor_reports(monitor: MonitorState) -> None:
+def monitor_reports(monitor: MonitorState, thresholds: Thresholds) -> None:
     """Find out if the joints of this tick are new, or are repeated by a slow arm."""
     observation = monitor.observation
-    is_new = not are_equal(observation.q, monitor.reported_joints)
+    is_new, is_moving = not are_equal(observation.q, monitor.reported_joints), False
+    for i in range(3):
+        is_moving = is_moving or not is_slow_joint(observation, i, thresholds)
+    if is_new and is_moving and monitor.reports_are_timed:
+        interval, period = float(observation.now - monitor.reported_at), monitor.report_period
+        change = REPORT_PERIOD_SMOOTHING * (interval - period) if period > 0.0 else interval
+        monitor.report_period += change
+    monitor.reports_are_timed = is_moving and (is_new or monitor.reports_are_timed)
     if is_new:
         copy_into(monitor.reported_joints, observation.q)
         monitor.reported_at = observation.now
@@ -242,10 +254,11 @@ def predict_joints(
     observation = monitor.observation
     dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
     share = dt if monitor.joints_are_fresh else 0.0
-    if monitor.was_measuring and not drives.is_measuring and drives.lag > 0.0:
+    has_measured = monitor.was_measuring and not drives.is_measuring and drives.lag > 0.0
+    if has_measured and monitor.joints_are_fresh:
         restart_predictions(monitor, drives)
         return
-    monitor.was_measuring = drives.is_measuring
+    monitor.was_measuring = drives.is_measuring or has_measured
     for k in range(POSSIBLE_RESPONSES):
         joints, rates = monitor.predicted_joints[k], monitor.predicted_rates[k]
         for i in range(3):

@@ -30,7 +30,8 @@ from rcmservo.geometry.kinematics import (
 from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.interfaces import NEVER_NS, Floats, Observation, Target, observation_numbers
 from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
-from rcmservo.safety.causes import EXPLAINED_BY_ARM, EXPLAINED_BY_MOTION
+from rcmservo.safety.causes import EXPLAINED_BY_ARM, EXPLAINED_BY_MOTION, EXPLAINED_BY_REPORTS
+from rcmservo.safety.checks.devices import describe_slow_reports
 from rcmservo.safety.checks.drift import describe_arm_error
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
@@ -461,4 +462,6 @@ class Servo(Checked):
             details.append(state.target.swing_text)
         if state.cause in EXPLAINED_BY_ARM:
             details.append(describe_arm_error(before))
+        if state.cause in EXPLAINED_BY_REPORTS:
+            details.append(describe_slow_reports(before))
         return "; ".join(text for text in details if text)

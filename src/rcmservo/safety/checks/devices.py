@@ -15,6 +15,7 @@ from rcmservo.interfaces import NEVER_NS, DropReason, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
+from rcmservo.safety.monitor_state import MAX_REPORT_PERIOD_NS, MonitorState
 from rcmservo.safety.thresholds import Thresholds
 
 NOT_DROPPED, NOT_NEW, INVALID_TIME, DAMAGED = cast(list[DropReason], list(map(int, DropReason)))
@@ -251,6 +252,16 @@ def _describe_rest(facts: DetailFacts) -> str:
         "dead zone, friction or a blocked axis"
         for i in range(3)
         if rates[i] > 0.0
+    )
+
+
+def describe_slow_reports(monitor: MonitorState) -> str:
+    """Describe joints that arrive too seldom; empty if they arrive often enough or never moved."""
+    if not monitor.report_period > MAX_REPORT_PERIOD_NS:
+        return ""
+    return (
+        f"new joints arrive at {1e9 / monitor.report_period:.0f} Hz only: let the arm report them "
+        f"at {1e9 / MAX_REPORT_PERIOD_NS:.0f} Hz or more"
     )
 
 
