@@ -1,5 +1,6 @@
 """Help of the commands: basics on one page, all options with --help-all, and few imports."""
 
+import os
 import subprocess
 import sys
 
@@ -138,3 +139,13 @@ def test_the_list_of_commands_names_each_on_one_line(capsys: pytest.CaptureFixtu
     lines = help_of(capsys, "--help").splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines if line.startswith("  ")] == list(COMMANDS)
+
+
+@pytest.mark.parametrize("words", ["--help", "run --help-all", "run --disturb help"])
+def test_a_reader_that_has_read_enough_causes_no_error(words: str) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "rcmservo", *words.split()]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")

@@ -6,6 +6,7 @@ field to the dataclass of the command's options, with its description in the Par
 A command is imported only when it is requested, so that `--help` is quick.
 """
 
+import os
 import sys
 import textwrap
 from collections.abc import Callable
@@ -19,6 +20,8 @@ EXIT_BAD_INPUT = 2
 """Exit code of an invalid request."""
 EXIT_STOPPED = 1
 """Exit code of a stopped run, and of a run that did not settle."""
+EXIT_PIPE_CLOSED = 141
+"""Exit code if the reader of the output, such as `head`, has read enough: that of SIGPIPE."""
 
 
 class CommandEntry(NamedTuple):
@@ -71,7 +74,9 @@ def main(arguments: list[str] | None = None) -> int:
     use_ascii_fallback()
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return _dispatch(arguments)
+        exit_code = _dispatch(arguments)
+        sys.stdout.flush()
+        return exit_code
     except Stopped as stopped:
         print(f"rcmservo: {stopped}", file=sys.stderr)
         return EXIT_STOPPED
@@ -82,6 +87,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _print_error(f"{error}{hint}")
     except RcmServoError as error:
         return _print_error(str(error))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the rest of it
+        return EXIT_PIPE_CLOSED
     except OSError as error:
         return _print_error(f"{error.filename or 'output'}: cannot be used: {error.strerror}")
 
