@@ -13,6 +13,7 @@ the servo reports no cause. Conspicuous runs are listed with seed and disturbanc
 --seed N --disturb ...` (with images) or `one(seed, kind)` repeats them.
 """
 
+import argparse
 import signal
 import sys
 from collections import Counter
@@ -275,9 +276,15 @@ def report(runs: list[Run], kind: str) -> None:
 
 
 def main() -> None:
-    kind = sys.argv[1] if len(sys.argv) > 1 else "faults"
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else 2000 if kind == "faults" else 500
-    first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("kind", nargs="?", choices=("faults", "none", "short"), default="faults")
+    parser.add_argument("runs", nargs="?", type=int)
+    parser.add_argument("first", nargs="?", type=int, default=0)
+    options = parser.parse_args()
+    kind, first = options.kind, options.first
+    count = options.runs or (2000 if kind == "faults" else 500)
     runs: list[Run] = []
     try:
         with Pool(initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
