@@ -46,7 +46,7 @@ def views(seed: int, hypothesis: Hypothesis) -> MarkerViews:
     points = np.stack(
         [rig.scene.optics.project(two) for two in hypothesis.compute_markers(ROBOT, q)]
     )
-    result = MarkerViews(q, points, np.full(len(q), 0.03), (640, 480))
+    result = MarkerViews(q, points, np.full(len(q), 0.03), (640, 480), np.zeros_like(q))
     return result.mirrored() if hypothesis.mirrored else result
 
 

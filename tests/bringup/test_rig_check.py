@@ -28,7 +28,7 @@ CASES = [
 """Mistakes and seeds. Other tests of this folder check single reversed joints, a mirrored image,
 an erroneous zero and an erroneous spacing; benchmarks/rig_check.py checks all mistakes. With seed 6
 the image decides after few motions."""
-CLEAR = [(1, []), (0, ["arm.counts[1]"])]
+CLEAR = [(1, []), (0, ["arm.counts[1]", "mechanism.insertion_zero"])]
 """Seeds, and the settings that the image leaves unclear."""
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -46,7 +47,25 @@ def test_errors_of_exposure_times_are_identified_within_their_deviation(error: f
         trace.frames.append((stamp, stamp + 30_000_000, points + rng.normal(0.0, 0.3, (2, 2))))
     latency = identify_latency(trace, joint=2)
     assert latency is not None
-    assert abs(latency.latency - (0.03 - error)) < 4.0 * latency.deviation < 0.005
+    assert abs(latency.latency - (0.03 - error)) < 4.0 * latency.deviation < 0.01
+
+
+@pytest.mark.parametrize("backlash", [0.0, 0.2, 0.9])
+def test_backlash_is_no_latency(backlash: float) -> None:
+    """The joint moves up and down by 1.5 mm, and rests for a moment at each end."""
+    rng, trace = np.random.default_rng(1), MotionTrace()
+    times = 0.01 * np.arange(1200)
+    motor = 1.5 * np.clip(1.5 * np.sin(2.0 * times), -1.0, 1.0)
+    tool = np.array(list(accumulate(motor, lambda at, q: min(max(at, q), q + backlash))))
+    joints = np.outer(motor, np.eye(3)[2])
+    trace.answers = [(k * 10_000_000, q, np.zeros(3)) for k, q in enumerate(joints)]
+    for exposed in np.arange(0.5, 11.5, 1.0 / 60.0):
+        points = np.outer([4.0, -2.0, 3.0, 1.0], np.interp(exposed, times, tool)).reshape(2, 2)
+        stamp = round(exposed * 1e9)
+        trace.frames.append((stamp, stamp + 30_000_000, points + rng.normal(0.0, 0.3, (2, 2))))
+    latency = identify_latency(trace, joint=2)
+    assert latency is not None
+    assert abs(latency.latency - 0.03) < 4.0 * latency.deviation < 0.01
 
 
 def dated(by: float) -> Callable[[Frame], Frame]:

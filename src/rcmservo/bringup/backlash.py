@@ -1,17 +1,21 @@
-"""Backlash of a joint, by approaching a position from both sides, and repeatability of a pose.
+"""Backlash of the joints, and repeatability of a pose, from the views at rest of all motions.
 
-The encoders at the motors do not show backlash, but the markers do. If S (px per rad or mm) is the
-motion of the markers per joint motion, the markers at one position of the joint differ by d = S b
-between an approach from above and one from below, so that the backlash is b = Sᵀd / SᵀS. A second
-approach from above shows how well a pose is repeated.
+The encoders at the motors do not show backlash, but the markers do. The fit of the camera to all
+views determines it. Two views of one pose show how well the pose is repeated: all joints have
+approached it from below, and one joint has moved up, down and back between them. If S (px per rad
+or mm) is the motion of the markers per joint motion, and the markers differ by d more than the
+encoders explain, the joint has missed its pose by Sᵀd / SᵀS.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from rcmservo.bringup.motion import Mover
-from rcmservo.bringup.observations import PixelBound, StillView
+from rcmservo.bringup.axis_wiring import Robot
+from rcmservo.bringup.identification import BACKLASH, MarkerViews, identify
+from rcmservo.bringup.observations import JointMotion, StillView
 from rcmservo.interfaces import Floats
 
 MIN_SIGMAS = 4.0
@@ -45,42 +49,49 @@ class Backlash:
         return self.size > MIN_SIGMAS * self.deviation
 
 
-def measure_backlash(mover: Mover, joint: int, motion: float, bound: PixelBound) -> Backlash:
-    """Move a joint by `motion` (rad or mm) up, down and up again, each time and back.
+def measure_backlash(
+    robot: Robot, views: MarkerViews, motions: Sequence[JointMotion]
+) -> list[Backlash]:
+    """Return the backlash of each joint, for a correct rig file.
 
-    Return the backlash by the markers at rest at both ends of each motion.
+    Parameters
+    ----------
+    robot
+        Arm as the rig file describes it.
+    views
+        Joints and markers at rest.
+    motions
+        Motions after every joint has taken up its backlash, in their order.
     """
-    up, from_above = visit_there_and_back(mover, joint, motion, bound)
-    down, from_below = visit_there_and_back(mover, joint, -motion, bound)
-    up_again, from_above_again = visit_there_and_back(mover, joint, motion, bound)
-    # both views of a difference are approached from the same side
-    rises = compute_difference(up, from_below, joint), compute_difference(from_above, down, joint)
-    S = 0.5 * sum(points / q for q, points in rises)
-    sizes = [convert(*compute_difference(from_above, from_below, joint), S)]
-    sizes.append(convert(*compute_difference(from_above_again, from_below, joint), S))
-    pairs = (up_again, up), (from_above_again, from_above)
-    repeats = [convert(*compute_difference(*pair, joint), S) for pair in pairs]
-    deviation = np.sqrt(1.5) * from_below.mean_noise / np.linalg.norm(S)
-    repeatability = float(np.sqrt(np.mean(np.square(repeats))))
-    return Backlash(joint, float(np.mean(sizes)), float(deviation), repeatability)
+    fit = identify(robot.mechanism, robot.tool, views)
+    sizes, deviations = fit.x[BACKLASH], np.sqrt(np.diag(fit.covariance)[BACKLASH])
+    S = fit_marker_motion(views)
+    return [
+        Backlash(
+            joint,
+            float(sizes[joint]),
+            float(deviations[joint]),
+            compute_repeatability(motions, joint, S),
+        )
+        for joint in range(3)
+    ]
 
 
-def visit_there_and_back(
-    mover: Mover, joint: int, motion: float, bound: PixelBound
-) -> tuple[StillView, StillView]:
-    """Return the views at a motion of the joint from its position, and there again."""
-    views = mover.visit(joint, (motion,), bound)
-    return views[0], views[-1]
+def fit_marker_motion(views: MarkerViews) -> Floats:
+    """Return the motion S (3, 4) of the markers in px per rad, rad, mm, by a linear fit."""
+    regressors = np.hstack([views.q - views.q[0], views.descended, np.ones((len(views.q), 1))])
+    S: Floats = np.linalg.lstsq(regressors, views.points.reshape(-1, 4))[0].astype(np.float64)
+    return S[:3]
 
 
-def compute_difference(view: StillView, other: StillView, joint: int) -> tuple[float, Floats]:
-    """Return by how much the joint and the markers (2, 2) px differ between two views."""
-    return float(view.q[joint] - other.q[joint]), view.points - other.points
+def compute_repeatability(motions: Sequence[JointMotion], joint: int, S: Floats) -> float:
+    """Return the rms difference (rad or mm) of the poses before and after motions of a joint."""
+    ends = [(motion.joint, motion.views[-1]) for motion in motions]
+    pairs = [(old, new) for (_, old), (moved, new) in pairwise(ends) if moved == joint]
+    misses = [compute_unseen_pixels(old, new, S) @ S[joint] for old, new in pairs]
+    return float(np.sqrt(np.mean(np.square(misses)))) / float(S[joint] @ S[joint])
 
 
-def convert(q: float, points: Floats, S: Floats) -> float:
-    """Return the motion of the joint that its encoder does not show, rad or mm.
-
-    The encoder shows q rad or mm, and the markers move by `points` (2, 2) px.
-    """
-    return float(np.sum(S * (points - S * q)) / np.sum(S * S))
+def compute_unseen_pixels(old: StillView, new: StillView, S: Floats) -> Floats:
+    """Return the motion (4,) of the markers in px that the encoders do not explain."""
+    return (new.points - old.points).ravel() - (new.q - old.q) @ S

@@ -2,7 +2,7 @@
 
 The check observes the tool at rest, moves each joint slightly, fits hypotheses about one mistake in
 the rig file to the observations, and asks the operator where the image leaves several possible. If
-the rig file is right, it measures the backlash of each joint. It uses only the readings of arm and
+the rig file is right, it reports the backlash of each joint. It uses only the readings of arm and
 camera and the operator's answers. The drive is off when it ends, also after an error or an
 interrupt.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.backlash import Backlash, measure_backlash
+from rcmservo.bringup.backlash import Backlash
 from rcmservo.bringup.corrections import (
     describe_hypothesis,
     describe_undetectable_error,
@@ -30,6 +30,7 @@ from rcmservo.bringup.timing import (
     CameraLatency,
     compare_drive_lag,
     compare_latency,
+    follow_motor,
     identify_drive_lag,
     identify_latency,
     measure_cadence,
@@ -40,8 +41,9 @@ from rcmservo.live.device_protocols import OperatorTerminal, SuspendsCommunicati
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 
-LATENCY_MOTIONS = 6
-"""Motions in alternating directions that identify the latency of the camera."""
+LATENCY_MOTIONS = 12
+"""Motions in alternating directions that identify the latency of the camera and the backlash of the
+joint together. Both delay the image, so that half as many would give 1.4 times the deviation."""
 MIN_FRAME_RATE = 10.0
 """Lowest frame rate (1/s) of the camera that passes."""
 MIN_VISIBLE_FRACTION = 0.9
@@ -140,6 +142,7 @@ def warm_up(robot: Robot, gate: Gate) -> None:
     identify_drive_lag(MotionTrace(answers=[(k, zeros, zeros) for k in range(3)]), np.ones(3))
     q = np.array(robot.mechanism.limits.arrays).mean(axis=0)
     robot.compute_joint_per_mm(q)
+    follow_motor(zeros, 0.0)
     Hypothesis().compute_markers(robot, q[None])
 
 
@@ -197,7 +200,7 @@ class _Check:
         self._measure_times(escalation)
         self._add_corrections(escalation, fits)
         if not report.findings:
-            self._measure_backlash(escalation)
+            report.backlash = escalation.measure_backlash()
 
     def _require_room(self, q: Floats) -> None:
         """Abort if a joint is within `LIMIT_MARGIN_MM` of a limit, or beyond it."""
@@ -244,15 +247,6 @@ class _Check:
         report.lag = identify_drive_lag(trace, np.array(self.mover.gate.speed))
         report.findings += compare_latency(report.latency, self.latency, self.has_latency_key)
         report.findings += compare_drive_lag(report.lag, self.thresholds.drive_lag)
-
-    def _measure_backlash(self, escalation: MotionEscalation) -> None:
-        """Approach the start from both sides with each joint."""
-        for joint in range(3):
-            motion = escalation.choose_next_motion(joint)
-            details = ", up, down and up again, each time and back"
-            require_yes(self.operator, escalation.format_question(joint, motion, details))
-            bound = escalation.compute_bound(joint, motion)
-            self.report.backlash.append(measure_backlash(self.mover, joint, motion, bound))
 
     def _add_corrections(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
         """Add the corrections of the hypotheses that agree with the operator's answers."""

@@ -183,7 +183,8 @@ def fit_hypothesis(candidate: Hypothesis, robot: Robot, views: MarkerViews) -> H
     """Fit the camera and the number that a hypothesis corrects; return the fitted hypothesis."""
     number, has_factor = candidate.number, candidate.corrects_counts
     views = views.mirrored() if candidate.mirrored else views
-    views = replace(views, q=candidate.compute_joints(robot.wiring, views.q))
+    joints, descended = candidate.compute_joints(robot.wiring, views.q), views.descended
+    views = replace(views, q=joints, descended=descended[:, list(candidate.order)])
     if number is None:
         return replace(candidate, misfit=identify(robot.mechanism, robot.tool, views).misfit)
     initial_size = _guess_factor(robot, views, number) if has_factor else 0.0

@@ -7,13 +7,14 @@ has the position X in the frame of the camera, the slopes s and the pixels m:
     X = R (P − P₀) + (a, b, 1) Z        s = (X₁, X₂) / X₃        m = f (1 + k |s|²) s + c
 
 P₀ is the mean of all markers. The fit uses all observations at once. Its unknowns are R, a, b, Z,
-f, c, k and the free corrections of the arm. Priors on f, c, k and on the corrections enter as
-additional measurements. A large misfit shows that no such camera projects the markers to the
-observed pixels.
+f, c, k, the free corrections of the arm and the backlash β of each joint. The encoders at the
+motors do not show the backlash: where joint j has come from above, the tool is at qⱼ + βⱼ. Priors
+on f, c, k, β and on the corrections enter as additional measurements. A large misfit shows that no
+such camera projects the markers to the observed pixels.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, cast
 
@@ -30,6 +31,10 @@ to 2 are the corrections of the motions of joints 1, 2 and 3."""
 CORRECTION_PRIOR = np.array([2.0, 2.0, 2.0, 50.0, 2.0])
 """Prior standard deviations of the corrections: logarithm of a factor on the motion of joints 1 to
 3, mm of the zero of the insertion, logarithm of a factor on the spacing of the markers."""
+BACKLASH_PRIOR = np.array([0.01, 0.01, 1.0])
+"""Prior standard deviations (rad, rad, mm) of the backlash of the joints."""
+BACKLASH = slice(5, 8)
+"""Indices of the backlash of joints 1 to 3, after the corrections."""
 
 MEAN_FOCAL_WIDTHS = 1.2
 """Prior mean of the focal length, in image widths."""
@@ -125,17 +130,20 @@ class MarkerViews:
         Standard deviations (n,) of these means in px.
     size : tuple[int, int]
         Width and height of the image in px.
+    descended : Floats
+        1 for each joint (n, 3) whose last motion before a view was downwards, 0 for the others.
     """
 
     q: Floats
     points: Floats
     noise: Floats
     size: tuple[int, int]
+    descended: Floats
 
     def mirrored(self) -> "MarkerViews":
         """Return the same poses in a mirrored image."""
         flipped = self.points * [-1.0, 1.0] + [self.size[0] - 1.0, 0.0]
-        return MarkerViews(self.q, flipped, self.noise, self.size)
+        return replace(self, points=flipped)
 
 
 def identify(
@@ -161,28 +169,32 @@ def identify(
     Returns
     -------
     LeastSquaresFit
-        Corrections (5,), 0 where not free, their covariance (5, 5), and the misfit.
+        Corrections, 0 where not free, and backlash of the joints in rad, rad, mm: together (8,).
+        Their covariance (8, 8), and the misfit.
 
     Notes
     -----
     The search is local: it may miss a factor far from `initial`. Motions of a few mm identify one
     correction at a time, not all five.
     """
-    index, camera_count = list(free), len(CAMERA_UNITS)
-    units = CORRECTION_PRIOR[index]
+    prior = np.concatenate([CORRECTION_PRIOR, BACKLASH_PRIOR])
+    index, camera_count = [*free, *range(len(prior))[BACKLASH]], len(CAMERA_UNITS)
+    units = prior[index]
 
-    def expand_correction(x: Floats) -> Floats:
-        """Return all corrections (5,) from the free ones in their units."""
-        correction = np.zeros(5)
-        correction[index] = x * units
-        return correction
+    def expand_unknowns(x: Floats) -> Floats:
+        """Return all corrections and the backlash (8,) from the unknowns in their units."""
+        values = np.zeros(len(prior))
+        values[index] = x * units
+        return values
 
     @lru_cache(maxsize=1 + len(index))
     def compute_markers(x: tuple[float, ...]) -> Floats:
-        correction = expand_correction(np.array(x))
-        return compute_corrected_markers(mechanism, tool, views.q, correction)
+        values = expand_unknowns(np.array(x))
+        correction, lost_motion = values[: BACKLASH.start], views.descended * values[BACKLASH]
+        return compute_corrected_markers(mechanism, tool, views.q, correction, lost_motion)
 
     x = np.concatenate([np.zeros(camera_count), initial / units])
+    x[camera_count + len(free) :] = 0.0
     camera = _Camera.fit_distant(compute_markers(tuple(x[camera_count:])), views)
     points, noise = views.points.reshape(-1, 2), np.repeat(views.noise, 2)[:, None]
 
@@ -196,10 +208,10 @@ def identify(
         return np.concatenate([error.reshape(len(x), -1), x[:, UNKNOWNS_WITHOUT_PRIOR:]], axis=1)
 
     fit = fit_residuals(compute_residuals, x)
-    covariance = np.zeros((5, 5))
+    covariance = np.zeros((len(prior), len(prior)))
     free_covariance = fit.covariance[camera_count:, camera_count:]
     covariance[np.ix_(index, index)] = free_covariance * np.outer(units, units)
-    return LeastSquaresFit(expand_correction(fit.x[camera_count:]), covariance, fit.misfit)
+    return LeastSquaresFit(expand_unknowns(fit.x[camera_count:]), covariance, fit.misfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,16 +280,22 @@ def _compute_rotation(rodrigues: Floats) -> Floats:
 
 
 def compute_corrected_markers(
-    mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats
+    mechanism: Kinematics,
+    tool: Tool,
+    q: Floats,
+    correction: Floats,
+    lost_motion: Floats | float = 0.0,
 ) -> Floats:
     """Return the markers (n, 2, 3) in mm at the joints `q` (n, 3) with a `correction` (5,).
 
-    Corrections of a motion are relative to the first joints, `q[0]`.
+    Corrections of a motion are relative to the first joints, `q[0]`. The joints of the tool differ
+    from the corrected ones by `lost_motion` (n, 3) in rad, rad, mm.
     """
     rcm = mechanism.to_struct(tool.offset)
     rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
     motion = (q - q[0]) * np.exp(correction[:ZERO])
-    return _compute_markers(rcm, q[0] + motion, scale_spacing(tool.struct, correction[SPACING]))
+    joints = q[0] + motion + lost_motion
+    return _compute_markers(rcm, joints, scale_spacing(tool.struct, correction[SPACING]))
 
 
 @compiled

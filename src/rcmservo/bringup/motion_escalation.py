@@ -10,11 +10,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from rcmservo.bringup.approach_direction import (
+    compute_ends,
+    find_directions,
+    find_known_views,
+    find_taken_up,
+)
 from rcmservo.bringup.axis_wiring import Robot
+from rcmservo.bringup.backlash import Backlash, measure_backlash
 from rcmservo.bringup.hypotheses import Hypothesis, fit_all, select_most_likely
 from rcmservo.bringup.identification import MarkerViews
 from rcmservo.bringup.motion import Mover
-from rcmservo.bringup.observations import PixelBound, StillView
+from rcmservo.bringup.observations import JointMotion, PixelBound, StillView
 from rcmservo.bringup.prompts import require_yes
 from rcmservo.interfaces import Floats
 from rcmservo.live.device_protocols import OperatorTerminal
@@ -65,7 +72,9 @@ class MotionEscalation:
         self, mover: Mover, operator: OperatorTerminal, robot: Robot, rest: StillView
     ) -> None:
         self.mover, self.operator, self.robot = mover, operator, robot
-        self.views = [rest]
+        self._rest = rest
+        self._made: list[JointMotion] = []
+        """Motions so far."""
         self.fits: list[Hypothesis] = []
         """One fitted hypothesis of each class, by increasing misfit."""
         self._joint_per_mm = robot.compute_joint_per_mm(rest.q)
@@ -82,10 +91,12 @@ class MotionEscalation:
     @property
     def start(self) -> Floats:
         """Joints (3,) at the start of the check."""
-        return self.views[0].q
+        return self._rest.q
 
     def run(self, test_moved_joint: Callable[[int], None]) -> list[Hypothesis]:
         """Move until one hypothesis remains or the next motion would be too large.
+
+        If joints have backlash, move until there are views after each of them has taken it up.
 
         Parameters
         ----------
@@ -112,16 +123,31 @@ class MotionEscalation:
                     break
                 larger = np.array([self._grow_motion(joint) for joint in range(3)])
             active = [joint for joint in range(3) if larger[joint] > self.motions[joint]]
+            if not active and self._needs_repetition():
+                active = [0, 1, 2]
             self.motions = np.where(larger > 0.0, larger, self.motions)
         if is_untested:
             test_moved_joint(int(np.argmax(self.displacement)))
         return select_most_likely(self.fits)
 
     def collect_views(self) -> MarkerViews:
-        """Return all views, with the noise of each."""
-        q, points = np.stack([v.q for v in self.views]), np.stack([v.points for v in self.views])
-        noise = np.array([max(view.mean_noise, self._noise_px) for view in self.views])
-        return MarkerViews(q, points, noise, self.mover.size)
+        """Return the views with the noise of each.
+
+        If joints have backlash, return only the views after each of them has taken it up, as soon
+        as there are some.
+        """
+        first = find_known_views(self._made) or 0
+        views = [self._rest, *(view for motion in self._made for view in motion.views)][first:]
+        q, points = np.stack([v.q for v in views]), np.stack([v.points for v in views])
+        noise = np.array([max(view.mean_noise, self._noise_px) for view in views])
+        descended = find_directions(self._made)[first:]
+        return MarkerViews(q, points, noise, self.mover.size, descended)
+
+    def measure_backlash(self) -> list[Backlash]:
+        """Return the backlash of each joint for a correct rig file."""
+        first, ends = find_known_views(self._made) or 0, compute_ends(self._made)
+        known = [motion for motion, end in zip(self._made, ends, strict=True) if end >= first]
+        return measure_backlash(self.robot, self.collect_views(), known)
 
     def format_question(self, joint: int, motion: float, details: str = "") -> str:
         """Return the question to the operator whether a motion (rad or mm) is allowed."""
@@ -132,7 +158,7 @@ class MotionEscalation:
 
     def compute_bound(self, joint: int, motion: float) -> PixelBound:
         """Return the bound on the markers in the image for a motion (rad or mm) of a joint."""
-        mm_per_px, rest = self._compute_mm_per_px(), self.views[0]
+        mm_per_px, rest = self._compute_mm_per_px(), self._rest
         predicted_px = motion / self._joint_per_mm[joint] / mm_per_px
         observed_px = self.displacement[joint] * motion / self._displaced_by[joint]
         predicted_px = max(predicted_px, observed_px)
@@ -143,10 +169,11 @@ class MotionEscalation:
         """Return the next motion (rad or mm): twice the last one, or less.
 
         It is less if marker 2 would otherwise travel more than `MAX_TRAVEL_MM` under a remaining
-        hypothesis.
+        hypothesis. Until each joint has taken up its backlash, a correct file counts as one.
         """
         motion = float(self.motions[joint])
         remaining = [fit for fit in self.fits if fit.is_close(self.fits[0])]
+        remaining += [Hypothesis()] if find_known_views(self._made) is None else []
         travel_mm = max(self._predict_largest_travel(fit, joint, motion) for fit in remaining)
         return motion * min(2.0, MAX_TRAVEL_MM / travel_mm)
 
@@ -167,19 +194,21 @@ class MotionEscalation:
         motion = float(self.motions[joint])
         require_yes(self.operator, self.format_question(joint, motion, " in either direction"))
         views = self.mover.visit(joint, (motion, -motion), self.compute_bound(joint, motion))
-        home = self.views[0].points
+        home = self._rest.points
         distances = [np.linalg.norm(view.points - home, axis=1).max() for view in views[:2]]
         self.displacement[joint], self._displaced_by[joint] = max(distances), motion
-        self.views += views
+        self._made.append(JointMotion(joint, motion, views))
 
     def _has_moved(self, joint: int) -> bool:
         """Return whether image and encoder both confirm a motion."""
-        is_visible = self.displacement[joint] > NOISE_DEVIATIONS * self.views[0].mean_noise
+        is_visible = self.displacement[joint] > NOISE_DEVIATIONS * self._rest.mean_noise
         steps = self.motions[joint] / self.robot.wiring.steps[joint]
         return bool(is_visible and steps >= MIN_MOTION_STEPS)
 
     def _fit(self) -> None:
         """Fit all hypotheses; raise the noise to the residuals of the best one and fit again."""
+        if find_known_views(self._made):
+            self._noise_px = MIN_NOISE_PX  # earlier residuals were those of unknown backlash
         views = self.collect_views()
         self.fits = fit_all(self.robot, views)
         ratio = float(np.sqrt(self.fits[0].misfit / views.points.size))
@@ -189,21 +218,27 @@ class MotionEscalation:
 
     def _is_decided(self) -> bool:
         """Return whether one hypothesis remains and no other number may have a large error."""
+        if find_known_views(self._made) is None:
+            return False
         best, *others = select_most_likely(self.fits)
         return not others and (best.number is not None or not self.find_unclear(best))
+
+    def _needs_repetition(self) -> bool:
+        """Return whether motions of the present size have yet to follow the take-up of backlash."""
+        return find_taken_up(self._made) is not None and find_known_views(self._made) is None
 
     def _compute_mm_per_px(self) -> float:
         """Return the scale (mm per px) of the image for a tool across the line of sight."""
         marker_1 = self.robot.compute_first_marker(self.start)
         spacing_mm = np.linalg.norm(self.robot.tool.second_marker(marker_1) - marker_1)
-        vector_px: Floats = np.diff(self.views[0].points, axis=0)
+        vector_px: Floats = np.diff(self._rest.points, axis=0)
         return float(spacing_mm / np.linalg.norm(vector_px))
 
     def _double_small_motions(self) -> Floats:
         """Return the motions (3,) doubled where that is safe under any hypothesis; 0 elsewhere."""
         mm_per_px = self._compute_mm_per_px()
         predicted_mm, observed_mm = self.motions / self._joint_per_mm, self.displacement * mm_per_px
-        noise_mm = NOISE_DEVIATIONS * self.views[0].mean_noise * mm_per_px
+        noise_mm = NOISE_DEVIATIONS * self._rest.mean_noise * mm_per_px
         is_small = (predicted_mm < BLIND_MM) & (observed_mm < BLIND_MM)
         is_small &= observed_mm < BLIND_RATIO * predicted_mm + noise_mm
         return np.where(is_small, 2.0 * self.motions, 0.0)

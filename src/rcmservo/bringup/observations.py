@@ -38,6 +38,26 @@ class StillView:
 
 
 @dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Motion of one joint up, down and back, with the views at rest.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint.
+    size : float
+        Agreed motion in either direction, rad or mm.
+    views : list[StillView]
+        Views above and below the initial position, and back there. The second one is missing if
+        the first one exceeded the bound in the image.
+    """
+
+    joint: int
+    size: float
+    views: list[StillView]
+
+
+@dataclass(frozen=True, eq=False)
 class PixelBound:
     """Bound on the motion of the markers in the image. A joint returns if a marker exceeds it.
 

@@ -2,10 +2,13 @@
 
 The pixels m of a marker depend on the joint q at the time of the exposure. For a short motion of
 one joint, m = B q(t + δ) + c, where t is the reported exposure time and δ its error. The latency of
-the camera is the reported latency less δ.
+the camera is the reported latency less δ. With backlash b the tool follows the motor within a gap:
+q is max(q₋, motor) in an upward motion and min(q₋, motor + b) in a downward one, where q₋ is the
+joint of the tool before. The motion identifies δ and b together.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ from rcmservo.control.drive_response import (
     start_response_measurement,
 )
 from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
 
 MAX_TIME_ERROR = 0.3
 """Largest error (s) of reported exposure times that can be identified."""
@@ -89,22 +93,44 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     points = np.array([frame[2].ravel() for frame in frames])
     M = points - points.mean(axis=0)
 
-    def compute_residuals(shifts: Floats) -> Floats:
+    @lru_cache(maxsize=2)
+    def compute_tool(relative_backlash: float) -> Floats:
+        return follow_motor(q, relative_backlash * np.ptp(q))
+
+    def compute_residuals(unknowns: Floats) -> Floats:
         """Return the residuals (n, r) of m = B q(t + δ) + c with the best B and c.
 
-        `shifts` (n, 1) holds n values of δ in s.
+        `unknowns` (n, 2) holds n values of δ in s and of b, relative to the range of the motion.
         """
-        Q: Floats = np.asarray(np.interp(exposures + shifts, times, q), np.float64)
+        tools = [(exposures + shift, compute_tool(float(b))) for shift, b in unknowns]
+        Q: Floats = np.array([np.interp(at, times, tool) for at, tool in tools], np.float64)
         Q = Q - Q.mean(axis=1, keepdims=True)
         B = Q @ M / np.maximum((Q**2).sum(axis=1, keepdims=True), 1e-30)
         return (M - Q[:, :, None] * B[:, None]).reshape(len(Q), -1)
 
-    fit = fit_residuals(compute_residuals, np.zeros(1))
-    degrees_of_freedom = M.size - 2 * M.shape[1] - 1
+    fit = fit_residuals(compute_residuals, np.zeros(2))
+    degrees_of_freedom = M.size - 2 * M.shape[1] - 2
     deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / degrees_of_freedom))
     reported = float(np.median(arrivals - exposures))
     jitter = float(np.std(arrivals - exposures))
     return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
+
+
+def follow_motor(motor: Floats, backlash: float) -> Floats:
+    """Return the joint (n,) of the tool behind the `motor` (n,), at first at the same position.
+
+    A negative `backlash` gives the opposite deviation, so that 0 is no bound of a fit.
+    """
+    return motor + np.copysign(_compute_lost_motion(motor, abs(backlash)), backlash)
+
+
+@compiled
+def _compute_lost_motion(motor: Floats, backlash: float) -> Floats:
+    """Return by how much (n,) the joint of the tool is above the motor."""
+    lost = np.zeros(len(motor))
+    for k in range(1, len(motor)):
+        lost[k] = min(max(lost[k - 1] + motor[k - 1] - motor[k], 0.0), backlash)
+    return lost
 
 
 def compare_latency(
