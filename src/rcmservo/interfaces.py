@@ -6,7 +6,7 @@ u points right, v down.
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from numbers import Integral
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -278,6 +278,8 @@ class Target:
             value: Any = getattr(self, name)
             is_whole = isinstance(value, Integral)
             require(is_whole, f"target.{name}", value, kind)
+        is_number = isinstance(self.swing_px, Real) and self.swing_px >= 0.0
+        require(is_number, "target.swing_px", self.swing_px, "a number that is not negative")
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Target) and self._numbers == other._numbers)

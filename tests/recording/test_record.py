@@ -113,6 +113,8 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "jog": tick.jog,
         "quality": tick.observation.quality,
         "pose_bound": state.pose_bound,
+        "bound_parts": state.bound_parts,
+        "resting_rates": state.resting_rates,
     }
 
 
