@@ -55,6 +55,11 @@ def test_the_bound_of_joints_that_move_is_limited_by_something_else() -> None:
     assert "noise of the markers" in rs.run(rig, rs.Servo(), rig.teach(30), 8.0).pose.limit
 
 
+def test_before_arrival_the_parts_of_the_bound_are_unknown_as_the_bound_is() -> None:
+    state = rs.Servo().init()
+    assert np.isnan(state.pose_bound) and np.isnan(state.bound_parts).all()
+
+
 def test_a_joint_that_rests_far_from_the_target_is_a_fault_with_its_rate() -> None:
     """With a small gain the rates are small farther away. The joint could be blocked."""
     result, last = run_resting(5, gain=2.0, deadband=2.0)

@@ -266,7 +266,8 @@ def predict_joints(
             rate = gain * observation.applied[i]
             joint, rates[i] = predict_joint(joints[i], rates[i], rate, lag_s, dt)
             is_slow = is_servoing and is_slow_joint(observation, i, thresholds)
-            decay_s = SLOW_DECAY_S if is_slow else thresholds.following_error_decay
+            decay_s = thresholds.following_error_decay
+            decay_s = min(decay_s, SLOW_DECAY_S) if is_slow else decay_s
             joints[i] = joint + (observation.q[i] - joint) * min(share / decay_s, 1.0)
 
 

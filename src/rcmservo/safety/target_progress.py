@@ -33,9 +33,6 @@ class TargetProgress(Row):
     goal: Floats = reals(3, "mm", "marker 1 at the target by image and joints, NaN if unknown")
     returns: bool = flag("True while the tool moves to the goal by the joints")
     has_returned: bool = flag("True if it has done so for this target")
-    predicted_target: Floats = reals(
-        (2, 2), "px", "markers at the joints of the target, by the fit"
-    )
     nearest_mm: float = real(
         "mm", "least distance from the joints of teaching in the motion to the target"
     )

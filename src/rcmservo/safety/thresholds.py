@@ -68,7 +68,8 @@ class Thresholds(Checked, section="thresholds"):
         exploration measures it.
     following_error_decay : float
         Time constant with which the following error decays, s: a slow drift of the joints is no
-        fault of the drive while a motion is commanded.
+        fault of the drive while a motion is commanded. For a slow joint while servoing it is at
+        most 0.125 s, as a drive may rest at small rates.
     settling_time : float
         Time without a commanded motion after which the joints are at rest, s. From then on a joint
         that moves by more than ``max_following_error``, however slowly, is a fault (`CREEPS`).

@@ -18,7 +18,7 @@ from rcmservo.geometry.kinematics import compute_point_distance
 from rcmservo.geometry.tool import compute_second_marker_tuple
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import compute_distance, compute_norm, copy_into, subtract
+from rcmservo.numerics.small_linalg import compute_distance, compute_norm, subtract
 from rcmservo.safety.causes import find_causes
 from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.state_machine import ACQUIRE, DISABLED, FAULT, HOLD, PAUSED, SERVO
@@ -28,6 +28,7 @@ from rcmservo.servo.kernel_parameters import (
     make_rcm_struct,
     make_tool_struct,
 )
+from rcmservo.servo.state import forget_bound
 from rcmservo.servo.target_gap import (
     TEACHING_FRAMES,
     bound_pose,
@@ -101,7 +102,8 @@ def watch_target(tick: TickContext) -> None:
         start_return(tick)
     if decision.mode.phase != SERVO or not is_near or decision.returns:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
-        decision.contradicted_since, decision.pose_bound = NEVER_NS, np.nan
+        decision.contradicted_since = NEVER_NS
+        forget_bound(decision)
         return
     bound_pose(tick)
     distance_mm = compute_larger_marker_distance(tick)
@@ -203,7 +205,6 @@ def compare_target_with_fit(tick: TickContext) -> None:
     if not stored.exploration_state.fit_is_known:
         return
     error, predicted = np.empty((2, 2)), stored.workspace.target.markers
-    copy_into(decision.predicted_target, predicted)
     for k in range(2):
         for i in range(2):
             error[k, i] = setpoint.points[k, i] - predicted[k, i]

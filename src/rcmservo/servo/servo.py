@@ -240,7 +240,12 @@ class Servo(Checked):
         rest_command = CommandStruct.from_source(self.gate.rest())
         times = "gap_since", "contradicted_since", "mismatch_since", "camera_moved_at"
         never = dict.fromkeys(times, NEVER_NS)
-        unknown = {"reference_error": np.inf, "pose_bound": np.nan, "blocked_joint": -1}
+        unknown = {
+            "reference_error": np.inf,
+            "pose_bound": np.nan,
+            "bound_parts": np.nan,
+            "blocked_joint": -1,
+        }
         decision = Decision.of(command=rest_command, **unknown, **never)
         monitor, estimation = initial_monitor_state(), make_initial_estimation_rows()
         stored = StoredState.of(decision=decision, monitor=monitor, **estimation)
@@ -451,7 +456,7 @@ class Servo(Checked):
             self.mechanism,
             self.thresholds,
             state.target.points,
-            state.stored.decision,
+            state.stored.workspace.target.markers,
             self.exploration,
             state.stored.exploration_state.disagreement,
             self.estimator.advice,

@@ -305,8 +305,8 @@ class State(NamedTuple):
     def bound_parts(self) -> Floats:
         """Parts (3,) of `pose_bound` in mm: noise of the markers, errors of the arm, way left.
 
-        The errors are those of arm, tool and lens. The bound is the root of the squares of the
-        first two, plus the third.
+        The errors are those of arm, tool and lens. The bound is the root of the sum of the squares
+        of the first two, plus the third. The parts are NaN before arrival.
         """
         return self.decision.bound_parts
 
@@ -331,7 +331,7 @@ def reset_estimation(stored: StoredState) -> None:
     The measured response of the drives remains: the arm brakes with it.
     """
     estimate, exploration = stored.estimate, stored.exploration_state
-    stored.decision.pose_bound = np.nan
+    forget_bound(stored.decision)
     fill(estimate.points, np.nan)
     fill(estimate.p1, np.nan)
     fill(estimate.o_c, np.nan)
@@ -351,6 +351,13 @@ def reset_estimation(stored: StoredState) -> None:
     exploration.visited_corners, exploration.start_time = 0, 0
     exploration.has_begun = exploration.has_no_room = False
     exploration.fit_is_known = exploration.is_conclusive = exploration.is_done = False
+
+
+@compiled
+def forget_bound(decision: Decision) -> None:
+    """Set the bound of the pose and its parts to NaN, as before arrival."""
+    decision.pose_bound = np.nan
+    fill(decision.bound_parts, np.nan)
 
 
 @compiled

@@ -46,6 +46,7 @@ from rcmservo.numerics.small_linalg import (
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.safety.checks.drift import compute_arm_error
 from rcmservo.servo.kernel_parameters import TickContext, make_rcm_struct, make_tool_struct
+from rcmservo.servo.state import forget_bound
 
 GAP_MM = 2.3
 """Gap (mm) that is allowed at the target, in addition to noise."""
@@ -329,6 +330,7 @@ def bound_pose(tick: TickContext) -> None:
     fit, H = stored.projection_fit, target.H
     decision, parts = stored.decision, stored.decision.bound_parts
     if not target.is_determined:
+        forget_bound(decision)
         decision.pose_bound = np.inf
         return
     p1 = stored.workspace.present_p1 if np.isnan(target.p1[0]) else target.p1

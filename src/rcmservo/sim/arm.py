@@ -50,6 +50,7 @@ MJCF_AXES = {
 slide, and the indices of their joints in q."""
 
 NOT_NEGATIVE_JOINTS = each(not_negative(), "three numbers that are not negative (rad, rad, mm)")
+NOT_NEGATIVE_RATES = each(not_negative(), "three rates that are not negative (rad/s, rad/s, mm/s)")
 FINITE_JOINTS = each(finite(), "three finite numbers (rad, rad, mm)")
 ENCODER_ANGLES = angles(FULL_TURN_RAD, first=2)
 RATE_ERROR_LIMIT = each(above(-1.0, 1.0), "three ratios above -1 and at most 1")
@@ -89,9 +90,9 @@ class Drive(Checked, section="drive"):
 
     lag: Annotated[float, between(0.001, 10.0, "a time", "s")] = 0.02
 
-    deadband: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (1e-4, 1e-4, 0.01)
+    deadband: Annotated[Triple, NOT_NEGATIVE_RATES] = (1e-4, 1e-4, 0.01)
 
-    stiction: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (0.0, 0.0, 0.0)
+    stiction: Annotated[Triple, NOT_NEGATIVE_RATES] = (0.0, 0.0, 0.0)
 
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
 

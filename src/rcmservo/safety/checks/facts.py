@@ -96,8 +96,8 @@ class DetailFacts(NamedTuple):
         Thresholds of the checks.
     target_points : Floats
         Raw markers (2, 2) of the target, px.
-    progress : TargetProgress
-        Progress towards the target.
+    predicted_target : Floats
+        Raw markers (2, 2) at the joints of the target by the projection fit, px.
     exploration : Exploration
         Settings of the exploration.
     disagreement : float
@@ -114,7 +114,7 @@ class DetailFacts(NamedTuple):
     mechanism: Kinematics
     thresholds: Thresholds
     target_points: Floats
-    progress: TargetProgress
+    predicted_target: Floats
     exploration: Exploration
     disagreement: float
     advice: str

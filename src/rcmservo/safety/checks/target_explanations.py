@@ -44,7 +44,7 @@ def describe_contradiction(facts: DetailFacts) -> str:
 
     The text is empty if the distances are too small to explain, as at a pose that looks the same.
     """
-    taught, predicted = facts.target_points, facts.progress.predicted_target
+    taught, predicted = facts.target_points, facts.predicted_target
     first_px, second_px = np.linalg.norm(taught - predicted, axis=1)
     size_px = float(np.hypot(first_px, second_px)) / np.sqrt(2.0)
     if not size_px >= MIN_EXPLAINED_PX:
