@@ -187,7 +187,7 @@ def test_the_jacobian_15_of_estimated_parameters(seed: int) -> None:
 def test_the_imaged_rcm_16_of_noisy_lines(seed: int) -> None:
     rows, _, o_c = draw_observations(seed)
     lines = rows[:, 3:] + make_random(seed + 2).normal(0.0, 0.3, (len(rows), 4))
-    actual, condition = imaged_rcm.intersect_lines(lines, len(lines), True)
+    actual, _, condition = imaged_rcm.intersect_lines(lines)
     expected = paper.intersect_lines(lines)
     assert np.allclose(actual, expected, rtol=1e-12 * condition, atol=1e-12 * condition)
     assert np.allclose(paper.intersect_lines(rows[:, 3:]), o_c, atol=1e-3)

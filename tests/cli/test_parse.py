@@ -68,7 +68,7 @@ def test_an_invalid_command_line_gives_one_sentence(
     [
         "projection.observations",
         "imaged-rcm.lines",
-        "imaged-rcm.refinements",
+        "imaged-rcm.max-deviation",
         "exploration.min-corners",
         "resumes",
         "duration",

@@ -13,7 +13,7 @@ from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm
+from rcmservo.geometry.imaged_rcm import ImagedRcm, intersect_lines
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, load_recording
@@ -64,7 +64,7 @@ def test_eq_16_as_printed_can_be_scored(tmp_path: Path) -> None:
         write_recording(tmp_path, 40), LAB, PointMarkers(), estimators, printed
     )
     last = np.array([found.points.ravel() for found in result.markers[-4:]])
-    assert np.array_equal(result.o_c, solve_imaged_rcm(last, 4, 0, True)[0])
+    assert np.array_equal(result.o_c, intersect_lines(last).o_c)
 
 
 def test_frames_without_both_markers_are_left_out(tmp_path: Path) -> None:

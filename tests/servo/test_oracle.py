@@ -167,18 +167,23 @@ def run_imaging(scene):
         "line features jacobian": line_jacobian,
         "limited origin": features.limit_origin_distance(scene.o_c, scene.points, 100.0),
     }
-    for follows_paper in (True, False):
-        lines, count = np.zeros((6, 4)), 0
+    for follows_paper, shape in ((True, (6, 4)), (False, (6, 3))):
+        memory, count = np.zeros(shape), 0
         for row in scene.rows:
             points = row[3:].reshape(2, 2)
-            lines, count, o_c, condition = imaged_rcm.update_imaged_rcm(
-                lines, count, points, 3, follows_paper
+            memory, count, solution = imaged_rcm.update_imaged_rcm(
+                memory, count, points, follows_paper
             )
-        results |= {f"lines {follows_paper}": lines[:count], f"imaged rcm {follows_paper}": o_c}
-        results[f"rcm condition {follows_paper}"] = np.log(condition)
-    results["least informative line"] = imaged_rcm.find_least_informative_line(lines, count)
-    results["intersection of lines"] = imaged_rcm.intersect_lines(lines, count, False)[0]
-    return results
+        results |= {
+            f"lines {follows_paper}": memory,
+            f"imaged rcm {follows_paper}": solution.o_c,
+            f"rcm covariance {follows_paper}": solution.covariance,
+            f"rcm condition {follows_paper}": np.log(solution.condition),
+            f"rcm uncertainty {follows_paper}": imaged_rcm.compute_uncertainty(
+                solution, scene.points[0], 1e3, 0.5, follows_paper
+            ),
+        }
+    return results | {"sum of lines": imaged_rcm.sum_lines(scene.rows[:, 3:].copy())}
 
 
 def run_projection_rule(scene):
@@ -216,7 +221,7 @@ def run_projection_rule(scene):
             )
         results[f"observations {rate}"] = memory.observations[: memory.observation_count]
         results[f"a_hat {rate}"] = memory.a_hat
-    full = EstimatorMemory(np.ones((4, 4)), memory)
+    full = EstimatorMemory(np.ones((6, 3)), memory)
     results["no memory"] = empty_with_lines(fit.ProjectionKernel(*rule), full).memory.a_hat
     return results
 

@@ -74,7 +74,7 @@ def without_memory(state: State, estimates_rcm: bool) -> State:
     The compiled tick needs no lines of eq. (16) for an estimator that computes the imaged RCM.
     """
     if not estimates_rcm:
-        return state._replace(memory=EstimatorMemory(state.estimation.lines, None))
+        return state._replace(memory=EstimatorMemory(state.estimation.line_memory, None))
     estimate = replace_fields(state.stored.estimate, line_count=0)
     return state._replace(stored=replace_fields(state.stored, estimate=estimate), memory=())
 

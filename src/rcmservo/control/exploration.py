@@ -110,7 +110,7 @@ class Exploration(Checked, section="exploration"):
     so far, is at most the fraction `uncertainty` of the path's length, or 0.5 mm. In addition the
     fit must be plausible for a camera, by ``max_residual_px`` and ``min_camera_distance`` of
     `Thresholds`, and have marker 1 nearer the RCM. With an estimator that uses eq. (16), the
-    condition number of (16) must be at most half of ``max_condition`` of `ImagedRcm`, and Ĵ must
+    uncertainty of o_c must be at most half of the limit of `ImagedRcm`, and Ĵ must
     agree with the fit to `tolerance`.
 
     References

@@ -411,10 +411,11 @@ class Estimate(Row):
     exposure: int = whole("ns", "exposure of the newest frame in the estimate, -1 before the first")
     points: Floats = reals((2, 2), "px", "markers in the newest accepted frame, raw")
     p1: Floats = reals(3, "mm", "position of marker 1 at that exposure")
-    line_count: int = whole("", "number of stored lines of the tool for eq. (16)")
+    line_count: int = whole("", "number of lines of the tool in eq. (16)")
     o_c: Floats = reals(2, "px", "imaged RCM, raw")
-    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, if the projection fit gives it")
+    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c; NaN for the printed eq. (16)")
     rcm_condition: float = real("", "condition of eq. (16), 0 if the projection fit gives o_c")
+    rcm_uncertainty: float = real("", "of o_c by eq. (16), as a ratio of its limit; known up to 1")
     J_hat: Floats = reals((FEATURE_COUNT, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
     controlled_jacobian: Floats = reals(

@@ -7,7 +7,6 @@ the imaged RCM o_c, those named `points` are raw pixels.
 
 import numpy as np
 
-from rcmservo.geometry.imaged_rcm import compute_principal_direction
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import subtract
@@ -97,6 +96,26 @@ def compute_line_features(m: Floats) -> tuple[float, float, float]:
     c, s = compute_line_direction(m)
     r = c * m[0] + s * m[1]
     return np.arctan2(s, c), r, c * m[2] + s * m[3] - r
+
+
+@compiled
+def compute_principal_direction(
+    diagonal_difference: float, cross_term: float
+) -> tuple[float, float]:
+    """Return (cos θ, sin θ) of θ = ½ atan2(cross_term, diagonal_difference).
+
+    θ is the main direction of points (x, y) whose scatter matrix has Σx² − Σy² =
+    `diagonal_difference` and 2 Σxy = `cross_term` (or both in the same ratio). Points without a
+    main direction give (1, 0).
+    """
+    size = np.sqrt(diagonal_difference * diagonal_difference + cross_term * cross_term)
+    if size == 0.0:
+        return 1.0, 0.0
+    if diagonal_difference > 0.0:
+        c = np.sqrt(0.5 * (size + diagonal_difference) / size)
+        return c, 0.5 * cross_term / (size * c)
+    s = np.sqrt(0.5 * (size - diagonal_difference) / size)
+    return 0.5 * cross_term / (size * s), s
 
 
 @compiled

@@ -5,16 +5,23 @@ by least squares, with nᵢ the unit normal of line i and m̃₁ᵢ its raw mark
 
     o_c = (Σ nᵢ nᵢᵀ)⁻¹ Σ nᵢ nᵢᵀ m̃₁ᵢ
 
-The last H lines of a slow motion nearly coincide, and the solution then collapses onto the tool.
-Three changes prevent this. Of H + 1 lines, the one with the least leverage on the solution is
-removed, which preserves the extremes of angle. Each line has the weight d², because the angle of a
-line through two points d apart is known to noise/d. A few Gauss-Newton steps lead to the point
-whose lines pass nearest to the markers, because noise turns the normals and biases (16) towards the
-tool. The argument `follows_paper` turns the three changes off.
+The last H lines of a slow motion nearly coincide. Noise then turns their normals more than the
+motion does, and the solution collapses onto the tool. Two changes prevent this: all lines enter,
+and the noise is subtracted. The line through the pixels (u₁, v₁) and (u₂, v₂) is the cross product
+
+    l = [u₁ v₁ 1] × [u₂ v₂ 1],    [o_c 1]·l = 0
+
+whose first two entries are a normal of the length d, the distance of the markers. Noise of the
+variance σ² in each pixel coordinate adds σ²C to the expectation of M, with
+
+    M = Σ l lᵀ,    C = Σ [ 2  0  −(u₁ + u₂) ;  0  2  −(v₁ + v₂) ;  ·  ·  u₁² + v₁² + u₂² + v₂² ]
+
+σ² is the smallest solution of det(M − σ²C) = 0, and the first two rows of (M − σ²C)[o_c 1] = 0 are
+eq. (16) with the weights d² and without the noise. The sums M and C are all that is stored.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,7 +32,7 @@ from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.numerics.small_solvers import solve_2x2
 
 MAX_LINES = 1000
-"""Largest number of stored lines; each costs time at every new frame."""
+"""Largest number of lines of the printed fit; each costs time at every new frame."""
 
 MIN_MARKER_DISTANCE_PX = 1e-12
 """Smallest distance of the markers (px) that a normal is divided by."""
@@ -33,37 +40,41 @@ MIN_MARKER_DISTANCE_PX = 1e-12
 SINGULAR_CONDITION = 1e12
 """Condition of (16) from which the lines count as parallel."""
 
-MAX_REFINED_CONDITION = 1e6
-"""Condition of (16) up to which Gauss-Newton steps improve its solution."""
+MAX_NEWTON_STEPS = 30
+"""Largest number of steps to the smallest root of det(M − σ²C); three to eight are usual."""
+
+RELATIVE_ROOT_ERROR = 1e-9
+"""Relative size of a step at which the root counts as found."""
+
+MIN_LINES = 10.0
+"""Number of lines from which they show their noise."""
 
 
 @dataclass(frozen=True)
 class ImagedRcm(Checked, section="imaged_rcm"):
     """Estimation of the imaged RCM by eq. (16), the point nearest to the lines of the imaged tool.
 
-    The line of frame i passes through both markers. With its unit normal nᵢ (2,) and its raw marker
-    1, m̃₁ᵢ (2,) px, the imaged RCM o_c (2,) px is
+    The line of frame i passes through both markers. With its unit normal nᵢ (2,), its raw marker 1,
+    m̃₁ᵢ (2,) px, and the distance dᵢ px of its markers, the imaged RCM o_c (2,) px is
 
-        o_c = (Σ wᵢ nᵢ nᵢᵀ)⁻¹ Σ wᵢ nᵢ nᵢᵀ m̃₁ᵢ
+        o_c = (Σ dᵢ² nᵢ nᵢᵀ − 2nσ²I)⁻¹ Σ (dᵢ² nᵢ nᵢᵀ m̃₁ᵢ − σ² (m̃₁ᵢ + m̃₂ᵢ))
 
-    The weight wᵢ is the squared distance of the markers, and the sums contain the H most
-    informative lines. Gauss-Newton steps then remove the bias that pixel noise causes. An instance
-    is passed as the argument `imaged_rcm` of `Servo`.
+    over all n lines, which is (16) without the part of the noise. An instance is passed as the
+    argument `imaged_rcm` of `Servo`.
 
     Parameters
     ----------
     lines : int
-        H, the number of stored lines, from 2 to 1000.
-    refinements : int
-        Number of Gauss-Newton steps after (16), from 0 to 100, to the point whose lines pass
-        nearest to the markers. The fit 'printed' makes none.
+        H, the number of lines of the fit 'printed', from 2 to 1000.
     max_condition : float
-        Largest condition number of (16) at which o_c counts as known, above 1 and at most 1e12. It
-        is about 1 / (variance of the line angle in rad²).
+        Largest condition number of (16) at which o_c of the fit 'printed' counts as known, above 1
+        and at most 1e12. It is about 1 / (variance of the line angle in rad²).
+    max_deviation : float
+        Largest standard deviation of o_c, as a ratio of its distance from marker 1, at which o_c
+        of the fit 'refined' counts as known, above 0 and at most 10.
     fit : Literal['refined', 'printed']
-        Fit; 'printed' is the paper's eq. (16) exactly: weight 1, the last H lines, no steps after
-        it. As the tool comes to rest these lines coincide, and the run pauses because o_c is not
-        known.
+        Fit; 'printed' is the paper's eq. (16) exactly: weight 1, the last H lines, noise included.
+        As the tool comes to rest these lines coincide, and the run pauses because o_c is not known.
 
     Raises
     ------
@@ -74,29 +85,25 @@ class ImagedRcm(Checked, section="imaged_rcm"):
     -----
     The fit 'refined' differs from eq. (16) in three points:
 
-    - Selection. The newest line is added to the H stored ones, and the line i with the least
-      leverage dᵢ² nᵢᵀ N⁻¹ nᵢ is removed, with dᵢ px the distance of the markers and N (2, 2) px² =
-      Σ dᵢ² nᵢ nᵢᵀ over all H + 1 lines. Its removal changes o_c least.
-    - Weights. wᵢ = dᵢ², because pixel noise σ disturbs the angle of a line by √2 σ/dᵢ.
-    - Steps. From the solution of (16), Gauss-Newton steps minimise the cost
-
-          Q(o_c) = Σᵢ min over tᵢ of (e₁ᵢ² + e₂ᵢ²)    px²
-
-      with e₁ᵢ and e₂ᵢ px the distances of both markers from the line through o_c in the direction
-      tᵢ. Noise turns the normals, which biases (16) towards the tool; the steps remove this bias.
-      From the condition number 1e6 of (16) on, no step is made.
+    - Lines. All lines enter. A servo takes one at every 0.3 mm of motion, so that a tool at rest
+      does not outweigh the motion before.
+    - Weights. The weight is dᵢ², because pixel noise σ disturbs the angle of a line by √2 σ/dᵢ.
+    - Noise. The variance σ² of the noise in each pixel coordinate follows from the lines
+      themselves, as the smallest σ² at which one point lies on all lines. Without its terms, noise
+      turns the normals and biases (16) towards the tool.
 
     References
     ----------
-    Section III-A of the paper for eq. (16). The selection, the weights and the steps are this
-    project's own.
+    Section III-A of the paper for eq. (16). The noise is subtracted as by G. Taubin, "Estimation of
+    planar curves, surfaces, and nonplanar space curves defined by implicit equations", IEEE Trans.
+    Pattern Analysis and Machine Intelligence 13 (1991).
     """
 
     name = "lines"
 
     lines: Annotated[int, between(2, MAX_LINES, "a whole number of lines")] = 50
-    refinements: Annotated[int, between(0, 100, "a whole number")] = 3
     max_condition: Annotated[float, above(1.0, 1e12)] = 2e4
+    max_deviation: Annotated[float, above(0.0, 10.0, "a ratio")] = 0.5
     fit: Literal["refined", "printed"] = "refined"
 
     @property
@@ -105,25 +112,150 @@ class ImagedRcm(Checked, section="imaged_rcm"):
         return self.fit == "printed"
 
     def init(self) -> tuple[Floats, int]:
-        """Return an empty memory: lines (H + 1, 4) px and their number, 0."""
-        return np.zeros((self.lines + 1, 4)), 0
+        """Return an empty memory and the number of its lines, 0.
+
+        The memory of the fit 'printed' is its lines (H, 4) px, else it is the sums (6, 3): M and C.
+        """
+        return np.zeros((self.lines, 4) if self.printed else (6, 3)), 0
+
+    def knows(self, solution: "RcmSolution", m1: Floats) -> bool:
+        """Return True if o_c counts as known, with the raw marker 1 at `m1` (2,) px."""
+        limits = self.max_condition, self.max_deviation
+        return bool(compute_uncertainty(solution, m1, *limits, self.printed) <= 1.0)
+
+
+class RcmSolution(NamedTuple):
+    """Solution of eq. (16).
+
+    Parameters
+    ----------
+    o_c : Floats
+        Imaged RCM (2,) px; NaN for parallel lines.
+    covariance : Floats
+        Covariance (2, 2) px² of o_c from the noise of the markers; NaN for the printed fit, and
+        for fewer than 10 lines.
+    condition : float
+        Condition number, about 1 / (variance of the line angle); inf for parallel lines.
+    """
+
+    o_c: Floats
+    covariance: Floats
+    condition: float
 
 
 @compiled
-def build_normal_equations(lines: Floats, count: int, follows_paper: bool) -> tuple[Floats, Floats]:
-    """Return N = Σ w n nᵀ (2, 2) and b = Σ w n nᵀ m̃₁ (2,) of eq. (16), N o_c = b.
+def add_line(sums: Floats, points: Floats) -> None:
+    """Add the line through raw marker pixels `points` (2, 2) to M and C, the `sums` (6, 3)."""
+    u1, v1, u2, v2 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
+    line = v1 - v2, u2 - u1, u1 * v2 - u2 * v1
+    for i in range(3):
+        for j in range(3):
+            sums[i, j] += line[i] * line[j]
+    for i in range(2):
+        sums[3 + i, i] += 2.0
+        sums[3 + i, 2] -= points[0, i] + points[1, i]
+        sums[5, i] = sums[3 + i, 2]
+    sums[5, 2] += u1 * u1 + v1 * v1 + u2 * u2 + v2 * v2
 
-    The first `count` rows of `lines` hold raw pixels [u₁ v₁ u₂ v₂]. The weight w is d², or 1 if
-    `follows_paper`.
+
+@compiled
+def sum_lines(lines: Floats) -> Floats:
+    """Return M and C (6, 3) of `lines` (n, 4), rows [u₁ v₁ u₂ v₂] of raw pixels."""
+    sums = np.zeros((6, 3))
+    for i in range(len(lines)):
+        add_line(sums, lines[i].copy().reshape((2, 2)))
+    return sums
+
+
+@compiled
+def compute_adjugate(A: Floats) -> Floats:
+    """Return the adjugate of a symmetric A (3, 3), which is det(A) A⁻¹."""
+    adjugate = np.empty((3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            adjugate[i, j] = A[a, c] * A[b, d] - A[a, d] * A[b, c]
+            adjugate[j, i] = adjugate[i, j]
+    return adjugate
+
+
+@compiled
+def estimate_noise_variance(sums: Floats) -> float:
+    """Return the smallest σ² (px²) with det(M − σ²C) = 0, by Newton's method.
+
+    All roots are real, so that the steps from 0 approach the smallest one from below.
     """
-    N = np.zeros((2, 2))
-    b = np.zeros(2)
-    for i in range(count):
-        # d n, with n the unit normal: its products carry the weight d².
+    M, C, variance = sums[:3], sums[3:], 0.0
+    for _ in range(MAX_NEWTON_STEPS):
+        A = M - variance * C
+        adjugate = compute_adjugate(A)
+        determinant, slope = 0.0, 0.0
+        for i in range(3):
+            determinant += A[0, i] * adjugate[0, i]
+            for j in range(3):
+                slope += adjugate[i, j] * C[i, j]
+        if not (determinant > 0.0 and slope > 0.0):
+            break
+        step = determinant / slope
+        variance += step
+        if step < RELATIVE_ROOT_ERROR * variance:
+            break
+    return variance
+
+
+@compiled
+def compute_eigenvalues(N: Floats) -> tuple[float, float]:
+    """Return the smaller and the larger eigenvalue of a symmetric N (2, 2)."""
+    half_trace = 0.5 * (N[0, 0] + N[1, 1])
+    spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
+    return half_trace - spread, half_trace + spread
+
+
+@compiled
+def solve_normal_equations(N: Floats, b: Floats) -> tuple[Floats, float]:
+    """Return o_c (2,) px of N o_c = b, and the condition of N (2, 2); NaN and inf if singular."""
+    smallest, largest = compute_eigenvalues(N)
+    if not SINGULAR_CONDITION * smallest > largest:
+        return np.full(2, np.nan), np.inf
+    return solve_2x2(N, b), largest / smallest
+
+
+@compiled
+def compute_covariance(sums: Floats, variance: float, N: Floats, o_c: Floats) -> Floats:
+    """Return the covariance (2, 2) px² of o_c; NaN for few or parallel lines.
+
+    The distance of a line from o_c, times d, has the mean variance σ² [o_c 1] C [o_c 1]/n.
+    """
+    C, count, covariance = sums[3:], 0.5 * sums[3, 0], np.full((2, 2), np.nan)
+    if not (count >= MIN_LINES and compute_eigenvalues(N)[0] > 0.0):
+        return covariance
+    spread = C[2, 2]
+    for i in range(2):
+        spread += o_c[i] * (C[i, i] * o_c[i] + 2.0 * C[i, 2])
+    scale = variance * spread / (count - 2.0) / (N[0, 0] * N[1, 1] - N[0, 1] * N[1, 0])
+    covariance[0, 0], covariance[1, 1] = scale * N[1, 1], scale * N[0, 0]
+    covariance[0, 1] = covariance[1, 0] = -scale * N[0, 1]
+    return covariance
+
+
+@compiled
+def solve_sums(sums: Floats) -> RcmSolution:
+    """Return the solution of eq. (16) by M and C, the `sums` (6, 3), without the noise."""
+    variance = estimate_noise_variance(sums)
+    exact = sums[:3] - variance * sums[3:]
+    N = exact[:2, :2].copy()
+    o_c, condition = solve_normal_equations(N, -exact[:2, 2])
+    return RcmSolution(o_c, compute_covariance(sums, variance, N, o_c), condition)
+
+
+@compiled
+def intersect_lines(lines: Floats) -> RcmSolution:
+    """Return the solution of the paper's eq. (16) over `lines` (n, 4), rows [u₁ v₁ u₂ v₂] in px."""
+    N, b = np.zeros((2, 2)), np.zeros(2)
+    for i in range(len(lines)):
         nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
-        if follows_paper:
-            d = max(np.sqrt(nu * nu + nv * nv), MIN_MARKER_DISTANCE_PX)
-            nu, nv = nu / d, nv / d
+        d = max(np.sqrt(nu * nu + nv * nv), MIN_MARKER_DISTANCE_PX)
+        nu, nv = nu / d, nv / d
         offset = nu * lines[i, 0] + nv * lines[i, 1]
         N[0, 0] += nu * nu
         N[0, 1] += nu * nv
@@ -131,151 +263,55 @@ def build_normal_equations(lines: Floats, count: int, follows_paper: bool) -> tu
         b[0] += nu * offset
         b[1] += nv * offset
     N[1, 0] = N[0, 1]
-    return N, b
+    o_c, condition = solve_normal_equations(N, b)
+    return RcmSolution(o_c, np.full((2, 2), np.nan), condition)
 
 
 @compiled
-def compute_condition(N: Floats) -> float:
-    """Return the condition number of a symmetric positive semidefinite N (2, 2).
+def store_line(lines: Floats, count: int, points: Floats) -> int:
+    """Store the line through raw marker pixels `points` (2, 2) as the newest of H `lines` (H, 4).
 
-    It is inf for a singular matrix.
+    Return the number of stored lines; the oldest one of H is removed.
     """
-    half_trace = 0.5 * (N[0, 0] + N[1, 1])
-    spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
-    smallest_eigenvalue = half_trace - spread
-    if not smallest_eigenvalue > 0.0:
-        return np.inf
-    return (half_trace + spread) / smallest_eigenvalue
-
-
-@compiled
-def intersect_lines(lines: Floats, count: int, follows_paper: bool) -> tuple[Floats, float]:
-    """Return o_c (2,) px of eq. (16), the point nearest to all lines, and the condition of (16).
-
-    The condition is about 1 / (variance of the line angle). For parallel lines o_c is NaN and the
-    condition inf.
-    """
-    N, b = build_normal_equations(lines, count, follows_paper)
-    condition = compute_condition(N)
-    if not condition < SINGULAR_CONDITION:
-        return np.full(2, np.nan), np.inf
-    return solve_2x2(N, b), condition
-
-
-@compiled
-def compute_principal_direction(
-    diagonal_difference: float, cross_term: float
-) -> tuple[float, float]:
-    """Return (cos θ, sin θ) of θ = ½ atan2(cross_term, diagonal_difference).
-
-    θ is the main direction of points (x, y) whose scatter matrix has Σx² − Σy² =
-    `diagonal_difference` and 2 Σxy = `cross_term` (or both in the same ratio). Points without a
-    main direction give (1, 0).
-    """
-    size = np.sqrt(diagonal_difference * diagonal_difference + cross_term * cross_term)
-    if size == 0.0:
-        return 1.0, 0.0
-    if diagonal_difference > 0.0:
-        c = np.sqrt(0.5 * (size + diagonal_difference) / size)
-        return c, 0.5 * cross_term / (size * c)
-    s = np.sqrt(0.5 * (size - diagonal_difference) / size)
-    return 0.5 * cross_term / (size * s), s
-
-
-@compiled
-def step_to_nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
-    """Return o_c (2,) px after one Gauss-Newton step to the bundle of lines nearest to all markers.
-
-    Each line passes through o_c, in the direction t nearest to its two markers. These lie at the
-    distances l₁, l₂ along the line and e₁, e₂ across it. The line leaves the residual
-    (e₁ l₂ − e₂ l₁)/√(l₁² + l₂²). Its derivative by o_c is (l₂ − l₁)/√(l₁² + l₂²) along the normal.
-    """
-    N = np.zeros((2, 2))
-    b = np.zeros(2)
-    for i in range(count):
-        u1, v1 = lines[i, 0] - o_c[0], lines[i, 1] - o_c[1]
-        u2, v2 = lines[i, 2] - o_c[0], lines[i, 3] - o_c[1]
-        half_difference = 0.5 * (u1 * u1 + u2 * u2 - v1 * v1 - v2 * v2)
-        tu, tv = compute_principal_direction(half_difference, u1 * v1 + u2 * v2)
-        l1, l2 = tu * u1 + tv * v1, tu * u2 + tv * v2
-        e1, e2 = tu * v1 - tv * u1, tu * v2 - tv * u2
-        squared = l1**2 + l2**2
-        if squared == 0.0:
-            continue
-        weight, residual = (l2 - l1) ** 2 / squared, (e1 * l2 - e2 * l1) * (l2 - l1) / squared
-        N[0, 0] += weight * tv * tv
-        N[0, 1] -= weight * tu * tv
-        N[1, 1] += weight * tu * tu
-        b[0] -= residual * tv
-        b[1] += residual * tu
-    if not N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0:
-        return o_c
-    step = solve_2x2(N, b)
-    return np.array([o_c[0] + step[0], o_c[1] + step[1]])
-
-
-@compiled
-def solve_imaged_rcm(
-    lines: Floats, count: int, refinements: int, follows_paper: bool
-) -> tuple[Floats, float]:
-    """Return o_c (2,) px and the condition number of eq. (16).
-
-    Unless `follows_paper`, `refinements` Gauss-Newton steps follow the solution of (16).
-    """
-    o_c, condition = intersect_lines(lines, count, follows_paper)
-    if condition < MAX_REFINED_CONDITION and not follows_paper:
-        for _ in range(refinements):
-            o_c = step_to_nearest_bundle(lines, count, o_c)
-    return o_c, condition
-
-
-@compiled
-def find_least_informative_line(lines: Floats, count: int) -> int:
-    """Return the row of the line with the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c.
-
-    The removal of this line changes the solution least.
-    """
-    N, _ = build_normal_equations(lines, count, False)
-    least_leverage, row = np.inf, 0
-    for i in range(count):
-        nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
-        leverage = nu * nu * N[1, 1] - 2.0 * nu * nv * N[0, 1] + nv * nv * N[0, 0]
-        if leverage < least_leverage:
-            least_leverage, row = leverage, i
-    return row
-
-
-@compiled
-def store_line(
-    lines: Floats, count: int, points: Floats, follows_paper: bool
-) -> tuple[Floats, int]:
-    """Return the lines (H + 1, 4) and their number, with the line through `points` added.
-
-    `points` (2, 2) are raw marker pixels. The last row is spare. If H lines are stored already, the
-    least informative one is removed, or the oldest one if `follows_paper`.
-    """
-    lines = lines.copy()
-    for k in range(4):
-        lines[count, k] = points[k // 2, k % 2]
-    if count < len(lines) - 1:
-        return lines, count + 1
-    if follows_paper:
+    if count == len(lines):
+        count -= 1
         for i in range(count):
             copy_into(lines[i], lines[i + 1])
-    else:
-        row = find_least_informative_line(lines, count + 1)
-        copy_into(lines[row], lines[count])
-    return lines, count
+    for k in range(4):
+        lines[count, k] = points[k // 2, k % 2]
+    return count + 1
+
+
+@compiled
+def compute_uncertainty(
+    solution: RcmSolution,
+    m1: Floats,
+    max_condition: float,
+    max_deviation: float,
+    follows_paper: bool,
+) -> float:
+    """Return the uncertainty of o_c as a ratio of its limit; NaN or above 1 if o_c is not known.
+
+    `m1` (2,) is the raw marker 1 in px. The limits are those of `ImagedRcm`.
+    """
+    if follows_paper:
+        return solution.condition / max_condition
+    o_c, covariance = solution.o_c, solution.covariance
+    distance = np.sqrt((m1[0] - o_c[0]) ** 2 + (m1[1] - o_c[1]) ** 2)
+    return np.sqrt(covariance[0, 0] + covariance[1, 1]) / (max_deviation * distance)
 
 
 @compiled
 def update_imaged_rcm(
-    lines: Floats, count: int, points: Floats, refinements: int, follows_paper: bool
-) -> tuple[Floats, int, Floats, float]:
+    memory: Floats, count: int, points: Floats, follows_paper: bool
+) -> tuple[Floats, int, RcmSolution]:
     """Add the line through raw marker pixels `points` (2, 2) and solve eq. (16).
 
-    Return the lines (H + 1, 4), their number, o_c (2,) px and the condition number.
+    Return a new memory, that of `ImagedRcm.init`, the number of its lines, and the solution.
     """
-    lines, count = store_line(lines, count, points, follows_paper)
-    o_c, condition = solve_imaged_rcm(lines, count, refinements, follows_paper)
-    return lines, count, o_c, condition
+    memory = memory.copy()
+    if follows_paper:
+        count = store_line(memory, count, points)
+        return memory, count, intersect_lines(memory[:count])
+    add_line(memory, points)
+    return memory, count + 1, solve_sums(memory)

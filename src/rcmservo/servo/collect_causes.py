@@ -78,7 +78,6 @@ def collect_causes(tick: TickContext) -> int:
         rcm=make_rcm_struct(parameters),
         period=parameters.period,
         gain=parameters.controller.gain,
-        max_rcm_condition=parameters.imaged_rcm.max_condition,
         exploration=parameters.exploration,
         thresholds=parameters.thresholds,
     )

@@ -60,8 +60,8 @@ from rcmservo.servo.update_estimate import FRAME_UPDATES
 RETURN_END_MM = 1.0
 """Distance (mm) from the goal at which a return by the joints ends."""
 
-MAX_CONDITION_RATIO = 0.5
-"""Largest condition of eq. (16) at the end of exploration, as a ratio of its limit.
+MAX_RCM_UNCERTAINTY = 0.5
+"""Largest uncertainty of o_c by eq. (16) at the end of exploration, as a ratio of its limit.
 
 The margin lets the imaged RCM remain known during the motion that follows.
 """
@@ -271,7 +271,7 @@ def compare_with_fit(tick: TickContext) -> float:
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
     if estimate.rcm_condition == 0.0:
         return 0.0
-    if not estimate.rcm_condition <= MAX_CONDITION_RATIO * parameters.imaged_rcm.max_condition:
+    if not estimate.rcm_uncertainty <= MAX_RCM_UNCERTAINTY:
         return np.inf
     points, o_c, shaft = estimate.points, estimate.o_c, make_tool_struct(parameters)
     J = compute_fitted_features_jacobian(fit, estimate.p1, points, o_c, shaft)

@@ -379,8 +379,10 @@ class Servo(Checked):
                 rows, state.memory, numbers, setpoint, tuple(kernel), parameters
             )
         else:
-            lines, own_memory = cast(EstimatorMemory, state.memory)
-            lines, frame_result, dt = begin_tick(rows, lines, numbers, setpoint, parameters)
+            line_memory, own_memory = cast(EstimatorMemory, state.memory)
+            line_memory, frame_result, dt = begin_tick(
+                rows, line_memory, numbers, setpoint, parameters
+            )
             if frame_result == FRAME_UPDATES:
                 own_memory, failure = self._update_estimate(
                     stored, own_memory, observation, target, dt
@@ -388,7 +390,9 @@ class Servo(Checked):
             failure = failure or read_failure(own_memory)
             cast(Any, stored.estimator_result.rows)["has_failed"] = failure != ""
             was_reset = finish_tick(rows, frame_result, parameters)
-            memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
+            memory = EstimatorMemory(line_memory, own_memory)
+            if was_reset:
+                memory = self._initial_memory()
             cause_changed = stored.decision.mode.cause != state.decision.mode.cause
         next_state = State(stored, memory, target, state.detail)
         if not cause_changed:

@@ -23,8 +23,8 @@ from rcmservo.safety.state_machine import PHASES, Mode, ModeStruct, Phase
 from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.servo.setpoint import SetpointRow
 
-NO_LINES = np.zeros((0, 4))
-"""Lines of an estimator that does not use eq. (16)."""
+NO_LINE_MEMORY = np.zeros((0, 3))
+"""Memory of eq. (16) with an estimator that does not use it."""
 
 
 class Decision(TargetProgress):
@@ -87,13 +87,13 @@ class EstimatorMemory(NamedTuple):
 
     Parameters
     ----------
-    lines : Floats
-        Lines of the imaged tool (n, 4) from which eq. (16) computes the imaged RCM.
+    line_memory : Floats
+        Memory of eq. (16), that of `ImagedRcm.init`.
     memory : Any
         Memory of the estimator itself.
     """
 
-    lines: Floats
+    line_memory: Floats
     memory: Any
 
 
@@ -104,8 +104,8 @@ class EstimationState(NamedTuple):
     ----------
     estimate : Estimate
         Estimate from the accepted frames.
-    lines : Floats
-        Lines of the imaged tool (n, 4) from which eq. (16) computes the imaged RCM.
+    line_memory : Floats
+        Memory of eq. (16), that of `ImagedRcm.init`.
     projection_fit : ProjectionFit
         Fit that predicts the markers.
     memory : Any
@@ -115,7 +115,7 @@ class EstimationState(NamedTuple):
     """
 
     estimate: Estimate
-    lines: Floats
+    line_memory: Floats
     projection_fit: ProjectionFit
     memory: Any
     exploration_state: ExplorationState
@@ -125,7 +125,8 @@ def make_initial_estimation_rows() -> dict[str, Row]:
     """Return the estimation parts of `StoredState` before the first frame, with Ĵ = 0."""
     names = "points", "o_c", "o_c_covariance", "p1", "y", "delta", "predicted_delta"
     unknown = dict.fromkeys(names, np.nan)
-    estimate = Estimate.of(exposure=NEVER_NS, rcm_condition=np.inf, condition=np.inf, **unknown)
+    infinite = dict.fromkeys(("rcm_condition", "rcm_uncertainty", "condition"), np.inf)
+    estimate = Estimate.of(exposure=NEVER_NS, **infinite, **unknown)
     fit, exploration = make_initial_fit(), ExplorationState.of()
     return {"estimate": estimate, "projection_fit": fit, "exploration_state": exploration}
 
@@ -149,8 +150,8 @@ class State(NamedTuple):
         Numbers of the state in one row, with the parts `monitor`, `estimate`, `exploration_state`,
         `decision`, `projection_fit`, `setpoint`, `workspace` and `estimator_result`.
     memory : EstimatorMemory or tuple[()]
-        Named tuple of `lines` (n, 4), from which eq. (16) computes the imaged RCM, and `memory`,
-        that of the estimator; empty for an estimator that uses only the fit of the projection.
+        Named tuple of `line_memory`, that of eq. (16), and `memory`, that of the estimator; empty
+        for an estimator that uses only the fit of the projection.
     target : Target or None
         Target of the last tick.
     detail : str
@@ -191,8 +192,8 @@ class State(NamedTuple):
     def estimation(self) -> EstimationState:
         """Estimate, exploration and memory, a `rcmservo.servo.state.EstimationState`."""
         stored, fit = self.stored, self.stored.projection_fit
-        lines, memory = self.memory or (NO_LINES, fit.rows)
-        return EstimationState(stored.estimate, lines, fit, memory, stored.exploration_state)
+        line_memory, memory = self.memory or (NO_LINE_MEMORY, fit.rows)
+        return EstimationState(stored.estimate, line_memory, fit, memory, stored.exploration_state)
 
     @property
     def mode(self) -> Mode:
@@ -344,6 +345,7 @@ def reset_estimation(stored: StoredState) -> None:
     fill(estimate.controlled_error, 0.0)
     estimate.exposure, estimate.line_count = NEVER_NS, 0
     estimate.rcm_condition, estimate.condition = np.inf, np.inf
+    estimate.rcm_uncertainty = np.inf
     fill(exploration.start_joints, 0.0)
     fill(exploration.sides, 0.0)
     fill(exploration.next_corner, 0.0)

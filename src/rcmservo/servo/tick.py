@@ -146,7 +146,7 @@ def locate_marker(tick: TickContext) -> None:
 @compiled
 def begin_tick(
     rows: Rows[StoredState],
-    lines: Floats,
+    line_memory: Floats,
     observation: tuple[Any, ...],
     setpoint: tuple[Any, ...],
     parameters: Rows[KernelParameters],
@@ -157,8 +157,8 @@ def begin_tick(
     ----------
     rows : Rows[StoredState]
         State after the last tick, which is overwritten.
-    lines : Floats
-        Lines (n, 4) of the paper's eq. (16), from which the imaged RCM is estimated.
+    line_memory : Floats
+        Memory of the paper's eq. (16), from which the imaged RCM is estimated.
     observation : tuple
         Fields of the observation.
     setpoint : tuple
@@ -169,7 +169,7 @@ def begin_tick(
     Returns
     -------
     tuple
-        The lines with those of this frame; the result of the frame, `FRAME_UPDATES` if it must
+        The memory with the line of this frame; the result of the frame, `FRAME_UPDATES` if it must
         update the estimator; the time in s between its exposure and that of the last update.
     """
     stored = rows[0]
@@ -177,8 +177,8 @@ def begin_tick(
     context = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters[0])
     frame_result, dt = accept_frame(context)
     if frame_result == FRAME_UPDATES:
-        lines, frame_result = fit_frame(context, lines)
-    return lines, frame_result, dt
+        line_memory, frame_result = fit_frame(context, line_memory)
+    return line_memory, frame_result, dt
 
 
 @compiled

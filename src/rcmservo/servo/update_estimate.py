@@ -22,12 +22,12 @@ from rcmservo.geometry.features import (
     write_line_features_jacobian,
     write_shifted_to_rcm,
 )
-from rcmservo.geometry.imaged_rcm import update_imaged_rcm
+from rcmservo.geometry.imaged_rcm import RcmSolution, compute_uncertainty, update_imaged_rcm
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled, declare_in
 from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
-from rcmservo.servo.kernel_parameters import TickContext, make_tool_struct
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, make_tool_struct
 from rcmservo.servo.state import EstimatorMemory, Workspace
 from rcmservo.servo.target_gap import aim_at_target, filter_weak_directions, predict_target
 
@@ -39,35 +39,49 @@ MAX_ORIGIN_DISTANCE_PX = 800.0
 
 
 @compiled
-def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
-    """Update the projection fit and the lines of eq. (16) by the markers, of which one may be lost.
+def fit_frame(tick: TickContext, line_memory: Floats) -> tuple[Floats, int]:
+    """Update the projection fit and eq. (16) by the markers, of which one may be lost.
 
-    A line through a false detection is left out, except for the paper's (16) as printed.
+    A line through a false detection is left out, and one at a place that the fit has seen already.
+    The paper's (16) as printed takes every line.
 
     Returns
     -------
     tuple
-        Lines (n, 4) after the frame; FRAME_UPDATES if they determine the imaged RCM or the
+        Memory of eq. (16) after the frame; FRAME_UPDATES if they determine the imaged RCM or the
         estimator computes it, else FRAME_ACCEPTED.
     """
     estimate, points, parameters = tick.stored.estimate, tick.observation.points, tick.parameters
     fit, shaft = tick.stored.projection_fit, make_tool_struct(parameters)
+    frames_before = fit.frame_count
     weigh_markers(fit, estimate.p1, points, shaft)
     update_fit(fit, estimate.p1, points, shaft)
     predict_target(tick)
     aim_at_target(tick)
     unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
-        return lines, unknown_result
+        return line_memory, unknown_result
     is_right = fit.marker_weights[0] == 1.0 and fit.marker_weights[1] == 1.0
-    if is_right or parameters.uses_paper_rcm:
-        count, refinements = estimate.line_count, parameters.imaged_rcm.refinements
-        lines, estimate.line_count, o_c, estimate.rcm_condition = update_imaged_rcm(
-            lines, count, points, refinements, parameters.uses_paper_rcm
+    if parameters.uses_paper_rcm or (is_right and fit.frame_count > frames_before):
+        line_memory, estimate.line_count, solution = update_imaged_rcm(
+            line_memory, estimate.line_count, points, parameters.uses_paper_rcm
         )
-        copy_into(estimate.o_c, o_c)
-    is_known = estimate.rcm_condition <= parameters.imaged_rcm.max_condition
-    return lines, FRAME_UPDATES if is_known else unknown_result
+        store_imaged_rcm(estimate, solution, parameters)
+    return line_memory, FRAME_UPDATES if estimate.rcm_uncertainty <= 1.0 else unknown_result
+
+
+@compiled
+def store_imaged_rcm(
+    estimate: Estimate, solution: RcmSolution, parameters: KernelParameters
+) -> None:
+    """Store the solution of eq. (16), and its uncertainty as a ratio of its limit."""
+    settings, m1 = parameters.imaged_rcm, estimate.points[0]
+    copy_into(estimate.o_c, solution.o_c)
+    copy_into(estimate.o_c_covariance, solution.covariance)
+    estimate.rcm_condition = solution.condition
+    estimate.rcm_uncertainty = compute_uncertainty(
+        solution, m1, settings.max_condition, settings.max_deviation, parameters.uses_paper_rcm
+    )
 
 
 @compiled
@@ -84,12 +98,12 @@ def update_with_lines(
     kernel: Any, memory: EstimatorMemory, tick: TickContext, dt: float
 ) -> tuple[EstimatorMemory, int]:
     """Implement `update_estimator` for an estimator that uses the imaged RCM of eq. (16)."""
-    lines, frame_result = fit_frame(tick, memory.lines)
+    line_memory, frame_result = fit_frame(tick, memory.line_memory)
     own_memory, fit = memory.memory, tick.stored.projection_fit
     if frame_result == FRAME_UPDATES:
         sample, result = make_sample(tick, dt, True), tick.stored.estimator_result
         own_memory = run_kernel(kernel, own_memory, sample, fit, result)
-    return EstimatorMemory(lines, own_memory), frame_result
+    return EstimatorMemory(line_memory, own_memory), frame_result
 
 
 @compiled
@@ -112,7 +126,8 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
 @compiled
 def empty_with_lines(kernel: Any, memory: EstimatorMemory) -> EstimatorMemory:
     """Implement `empty_memory` for an estimator that uses the imaged RCM of eq. (16)."""
-    return EstimatorMemory(np.zeros_like(memory.lines), empty_own_memory(kernel, memory.memory))
+    line_memory = np.zeros_like(memory.line_memory)
+    return EstimatorMemory(line_memory, empty_own_memory(kernel, memory.memory))
 
 
 UPDATES = {False: update_with_lines, True: update_with_fit}
@@ -159,7 +174,7 @@ def store_estimate(tick: TickContext) -> None:
     if result.has_imaged_rcm:
         copy_into(estimate.o_c, result.o_c)
         copy_into(estimate.o_c_covariance, result.o_c_covariance)
-        estimate.rcm_condition = 0.0
+        estimate.rcm_condition = estimate.rcm_uncertainty = 0.0
         workspace, markers_jacobian = stored.workspace, result.markers_jacobian
         measure_line_features(estimate, markers_jacobian, result.points, target, workspace)
     else:

@@ -17,7 +17,6 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.figures.overlay import draw_overlay, write_image
-from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.servo_loop import Tick, servo_ticks
@@ -63,7 +62,6 @@ def make_servo(
         estimator=estimator,
         controller=controller,
         exploration=exploration or Exploration(),
-        imaged_rcm=ImagedRcm(lines=50),
         gate=FAST_ARM,
     )
 

@@ -24,7 +24,7 @@ from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
-from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm, store_line
+from rcmservo.geometry.imaged_rcm import ImagedRcm, update_imaged_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import FailureExplainer, Floats, Markers, Tracker
 from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames, load_recording
@@ -167,14 +167,16 @@ def _solve_imaged_rcms(samples: list[Sample], imaged_rcm: ImagedRcm) -> tuple[li
 
     Eq. (16) is solved from the frames up to each sample; o_c is NaN while it is not observable.
     """
-    (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
+    memory, count = imaged_rcm.init()
     solved: list[Sample] = []
     condition = np.inf
     for sample in samples:
-        lines, count = store_line(lines, count, sample.points, printed)
-        o_c, condition = solve_imaged_rcm(lines, count, imaged_rcm.refinements, printed)
-        is_observable = condition <= imaged_rcm.max_condition
-        solved.append(sample._replace(o_c=o_c) if is_observable else sample)
+        memory, count, solution = update_imaged_rcm(
+            memory, count, sample.points, imaged_rcm.printed
+        )
+        condition = solution.condition
+        is_known = imaged_rcm.knows(solution, sample.points[0])
+        solved.append(sample._replace(o_c=solution.o_c) if is_known else sample)
     return solved, condition
 
 

@@ -25,9 +25,8 @@ def estimate_is_not_finite(facts: TickFacts) -> bool:
 
 @compiled
 def rcm_is_unknown(facts: TickFacts) -> bool:
-    """Detect an imaged RCM that eq. (16) does not determine, because it is ill-conditioned."""
-    is_determined = facts.estimate.rcm_condition <= facts.max_rcm_condition
-    return facts.exploration_state.is_done and not is_determined
+    """Detect an imaged RCM that eq. (16) does not determine."""
+    return facts.exploration_state.is_done and not facts.estimate.rcm_uncertainty <= 1.0
 
 
 @compiled

@@ -49,8 +49,6 @@ class TickFacts(NamedTuple):
         Time from tick to tick, ns.
     gain : float
         Gain k of the control law, eq. (31), 1/s.
-    max_rcm_condition : float
-        Largest condition number of eq. (16) at which the imaged RCM counts as known.
     exploration : Exploration
         Settings of the exploration.
     thresholds : Thresholds
@@ -70,7 +68,6 @@ class TickFacts(NamedTuple):
     rcm: RcmStruct
     period: int
     gain: float
-    max_rcm_condition: float
     exploration: Exploration
     thresholds: Thresholds
 
