@@ -99,7 +99,7 @@ def test_an_estimator_receives_the_time_since_its_last_update(tmp_path: Path) ->
         LAB,
         PointMarkers(),
         {"intervals": IntervalEstimator()},
-        ImagedRcm(max_condition=17.0),
+        ImagedRcm(lines=4, fit="printed", max_condition=17.0),
     )
     poses = load_recording(folder, LAB.mechanism, LAB.tool)
     distances = [np.linalg.norm(b.p1 - a.p1) for a, b in itertools.pairwise(poses)]

@@ -167,7 +167,7 @@ def run_imaging(scene):
         "line features jacobian": line_jacobian,
         "limited origin": features.limit_origin_distance(scene.o_c, scene.points, 100.0),
     }
-    for follows_paper, shape in ((True, (6, 4)), (False, (6, 3))):
+    for follows_paper, shape in ((True, (6, 4)), (False, (7, 3))):
         memory, count = np.zeros(shape), 0
         for row in scene.rows:
             points = row[3:].reshape(2, 2)
@@ -221,7 +221,7 @@ def run_projection_rule(scene):
             )
         results[f"observations {rate}"] = memory.observations[: memory.observation_count]
         results[f"a_hat {rate}"] = memory.a_hat
-    full = EstimatorMemory(np.ones((6, 3)), memory)
+    full = EstimatorMemory(np.ones((7, 3)), memory)
     results["no memory"] = empty_with_lines(fit.ProjectionKernel(*rule), full).memory.a_hat
     return results
 

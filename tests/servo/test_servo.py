@@ -532,7 +532,9 @@ def test_without_the_imaged_rcm_the_servo_holds_instead_of_using_the_last_error(
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     state = servoing(lab, servo)
     estimate = replace_fields(state.stored.estimate, line_count=0)
-    without_lines = state._replace(stored=replace_fields(state.stored, estimate=estimate))
+    memory = state.memory._replace(line_memory=np.zeros((7, 3)))
+    stored = replace_fields(state.stored, estimate=estimate)
+    without_lines = state._replace(stored=stored, memory=memory)
     *_, (_, state) = lab.run(servo, 0.04, without_lines)
     assert not state.estimation.estimate.rcm_uncertainty <= 1.0
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)

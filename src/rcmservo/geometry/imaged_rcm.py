@@ -46,8 +46,11 @@ MAX_NEWTON_STEPS = 30
 RELATIVE_ROOT_ERROR = 1e-9
 """Relative size of a step at which the root counts as found."""
 
-MIN_LINES = 10.0
-"""Number of lines from which they show their noise."""
+PRIOR_NOISE_PX = 0.5
+"""Expected noise (px) before the lines show it."""
+
+PRIOR_NOISE_LINES = 5.0
+"""Weight of the expected noise, as a number of lines."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +117,9 @@ class ImagedRcm(Checked, section="imaged_rcm"):
     def init(self) -> tuple[Floats, int]:
         """Return an empty memory and the number of its lines, 0.
 
-        The memory of the fit 'printed' is its lines (H, 4) px, else it is the sums (6, 3): M and C.
+        The memory of the fit 'printed' is its lines (H, 4) px, else the sums (7, 3) of `add_line`.
         """
-        return np.zeros((self.lines, 4) if self.printed else (6, 3)), 0
+        return np.zeros((self.lines, 4) if self.printed else (7, 3)), 0
 
     def knows(self, solution: "RcmSolution", m1: Floats) -> bool:
         """Return True if o_c counts as known, with the raw marker 1 at `m1` (2,) px."""
@@ -132,8 +135,7 @@ class RcmSolution(NamedTuple):
     o_c : Floats
         Imaged RCM (2,) px; NaN for parallel lines.
     covariance : Floats
-        Covariance (2, 2) px² of o_c from the noise of the markers; NaN for the printed fit, and
-        for fewer than 10 lines.
+        Covariance (2, 2) px² of o_c from the noise of the markers; NaN for the printed fit.
     condition : float
         Condition number, about 1 / (variance of the line angle); inf for parallel lines.
     """
@@ -145,23 +147,31 @@ class RcmSolution(NamedTuple):
 
 @compiled
 def add_line(sums: Floats, points: Floats) -> None:
-    """Add the line through raw marker pixels `points` (2, 2) to M and C, the `sums` (6, 3)."""
-    u1, v1, u2, v2 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
+    """Add the line through raw marker pixels `points` (2, 2) to the `sums` (7, 3).
+
+    Rows 0 to 2 are M, rows 3 to 5 are C. Both are about the first marker 1, which is in row 6: far
+    from the markers, rounding errors would grow with the squared distance.
+    """
+    if sums[3, 0] == 0.0:
+        sums[6, 0], sums[6, 1] = points[0, 0], points[0, 1]
+    u1, v1 = points[0, 0] - sums[6, 0], points[0, 1] - sums[6, 1]
+    u2, v2 = points[1, 0] - sums[6, 0], points[1, 1] - sums[6, 1]
     line = v1 - v2, u2 - u1, u1 * v2 - u2 * v1
     for i in range(3):
         for j in range(3):
             sums[i, j] += line[i] * line[j]
-    for i in range(2):
-        sums[3 + i, i] += 2.0
-        sums[3 + i, 2] -= points[0, i] + points[1, i]
-        sums[5, i] = sums[3 + i, 2]
+    sums[3, 0] += 2.0
+    sums[4, 1] += 2.0
+    sums[3, 2] -= u1 + u2
+    sums[4, 2] -= v1 + v2
+    sums[5, 0], sums[5, 1] = sums[3, 2], sums[4, 2]
     sums[5, 2] += u1 * u1 + v1 * v1 + u2 * u2 + v2 * v2
 
 
 @compiled
 def sum_lines(lines: Floats) -> Floats:
-    """Return M and C (6, 3) of `lines` (n, 4), rows [u₁ v₁ u₂ v₂] of raw pixels."""
-    sums = np.zeros((6, 3))
+    """Return the sums (7, 3) over `lines` (n, 4), rows [u₁ v₁ u₂ v₂] of raw pixels."""
+    sums = np.zeros((7, 3))
     for i in range(len(lines)):
         add_line(sums, lines[i].copy().reshape((2, 2)))
     return sums
@@ -185,7 +195,7 @@ def estimate_noise_variance(sums: Floats) -> float:
 
     All roots are real, so that the steps from 0 approach the smallest one from below.
     """
-    M, C, variance = sums[:3], sums[3:], 0.0
+    M, C, variance = sums[:3], sums[3:6], 0.0
     for _ in range(MAX_NEWTON_STEPS):
         A = M - variance * C
         adjugate = compute_adjugate(A)
@@ -221,18 +231,21 @@ def solve_normal_equations(N: Floats, b: Floats) -> tuple[Floats, float]:
 
 
 @compiled
-def compute_covariance(sums: Floats, variance: float, N: Floats, o_c: Floats) -> Floats:
-    """Return the covariance (2, 2) px² of o_c; NaN for few or parallel lines.
+def compute_covariance(C: Floats, variance: float, N: Floats, o_c: Floats) -> Floats:
+    """Return the covariance (2, 2) px² of o_c (2,), from the origin of C; NaN for parallel lines.
 
-    The distance of a line from o_c, times d, has the mean variance σ² [o_c 1] C [o_c 1]/n.
+    The distance of a line from o_c, times d, has the mean variance σ² [o_c 1] C [o_c 1]/n. The
+    residuals of n lines show σ² with n − 2 degrees of freedom.
     """
-    C, count, covariance = sums[3:], 0.5 * sums[3, 0], np.full((2, 2), np.nan)
-    if not (count >= MIN_LINES and compute_eigenvalues(N)[0] > 0.0):
+    count, covariance = 0.5 * C[0, 0], np.full((2, 2), np.nan)
+    if not compute_eigenvalues(N)[0] > 0.0:
         return covariance
+    total = variance * count + PRIOR_NOISE_LINES * PRIOR_NOISE_PX**2
+    noise_variance = total / (count - 2.0 + PRIOR_NOISE_LINES)
     spread = C[2, 2]
     for i in range(2):
         spread += o_c[i] * (C[i, i] * o_c[i] + 2.0 * C[i, 2])
-    scale = variance * spread / (count - 2.0) / (N[0, 0] * N[1, 1] - N[0, 1] * N[1, 0])
+    scale = noise_variance * spread / count / (N[0, 0] * N[1, 1] - N[0, 1] * N[1, 0])
     covariance[0, 0], covariance[1, 1] = scale * N[1, 1], scale * N[0, 0]
     covariance[0, 1] = covariance[1, 0] = -scale * N[0, 1]
     return covariance
@@ -240,12 +253,15 @@ def compute_covariance(sums: Floats, variance: float, N: Floats, o_c: Floats) ->
 
 @compiled
 def solve_sums(sums: Floats) -> RcmSolution:
-    """Return the solution of eq. (16) by M and C, the `sums` (6, 3), without the noise."""
-    variance = estimate_noise_variance(sums)
-    exact = sums[:3] - variance * sums[3:]
+    """Return the solution of eq. (16) by the `sums` (7, 3) over all lines, without the noise."""
+    C, variance = sums[3:6], estimate_noise_variance(sums)
+    exact = sums[:3] - variance * C
     N = exact[:2, :2].copy()
     o_c, condition = solve_normal_equations(N, -exact[:2, 2])
-    return RcmSolution(o_c, compute_covariance(sums, variance, N, o_c), condition)
+    covariance = compute_covariance(C, variance, N, o_c)
+    o_c[0] += sums[6, 0]
+    o_c[1] += sums[6, 1]
+    return RcmSolution(o_c, covariance, condition)
 
 
 @compiled
