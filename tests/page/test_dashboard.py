@@ -14,7 +14,7 @@ from conftest import make_laboratory
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.page.channels import PageChannels
-from rcmservo.page.messages import Standby
+from rcmservo.page.messages import PoseTaught, Standby
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
 from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import SequenceProgress
@@ -177,6 +177,15 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
     assert (
         make_dashboard(channels, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
     )
+
+
+def test_markers_that_move_while_they_are_taught_are_reported() -> None:
+    channels = PageChannels(get_context("spawn"))
+    board, still = make_dashboard(channels), rs.Target(np.ones((2, 2)), np.zeros(3))
+    for target in (still, replace(still, swing_px=1.5)):
+        channels.status.send(PoseTaught("above", target))
+    board.update()
+    assert sum("both markers moved by ±1.5 px" in note for note in board.notes) == 1
 
 
 def test_the_tool_in_the_scene_goes_through_its_markers() -> None:

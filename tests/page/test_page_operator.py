@@ -273,7 +273,8 @@ def test_teaching_takes_the_requested_frames_and_reports_its_progress(
     """The page reports progress because teaching takes seconds."""
     _, browser = taught_pose
     reports = [one.words for one in browser.messages if isinstance(one, TeachingStatus)]
-    assert reports[0] == "teaching, keep the tool still: 1 of 30 frames"
+    precision = "the precision of the image is known once the tool has explored"
+    assert reports[0] == f"teaching, keep the tool still: 1 of 30 frames; {precision}"
     assert len(reports) >= 3 and reports[-1] == ""
     (end,) = [i for i, one in enumerate(browser.messages) if isinstance(one, PoseTaught)]
     assert all(one.words == "" for one in browser.messages[end:] if isinstance(one, TeachingStatus))

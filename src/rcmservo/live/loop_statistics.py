@@ -11,9 +11,11 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Target
 from rcmservo.live.realtime import Realtime
+from rcmservo.loop.pixel_precision import describe_precision
 from rcmservo.loop.run_result import LoopTiming, finite_or_none, time_spread
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import OutcomeCollector
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
 TICKS_PER_REPORT = 10
@@ -29,7 +31,7 @@ class Report:
     time : int
         Time since the start of the run, ns.
     text : str
-        Phase, cause and remedy as one text.
+        Phase, cause and remedy as one text; while servoing the precision of the image as well.
     delta : Floats
         Feature error Δy (3,) in rad, px, px.
     condition : float
@@ -62,6 +64,7 @@ class ReportThread:
         self._times_ns: list[int] = []
         self._latencies_ns: list[int] = []
         self._newest_frame = -1
+        self._tool, self._precision = servo.tool, ""
         self._ticks: queue.SimpleQueue[Tick | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._process_ticks, name="reports", daemon=True)
         self.put = self._ticks.put
@@ -80,9 +83,18 @@ class ReportThread:
             self._collect(tick)
             if len(self._times_ns) % TICKS_PER_REPORT == 1:
                 state = tick.state
-                report = Report(tick.time, state.text, state.delta, state.condition)
+                text = self._describe_tick(tick)
+                report = Report(tick.time, text, state.delta, state.condition)
                 with contextlib.suppress(OSError):  # the receiver may be gone
                     self._receiver.send(report)
+
+    def _describe_tick(self, tick: Tick) -> str:
+        """Return phase, cause and remedy, and the precision of the image while servoing."""
+        state = tick.state
+        if state.explored and not self._precision:
+            self._precision = describe_precision(state, self._tool)
+        is_servoing = state.phase is Phase.SERVO and self._precision
+        return f"{state.text}; {self._precision}" if is_servoing else state.text
 
     def _collect(self, tick: Tick) -> None:
         self.outcome.add(tick)

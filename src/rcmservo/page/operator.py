@@ -16,6 +16,7 @@ from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import compute_joint_rates
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Jog, OperatorRequest, Teach, check_changed_servo
+from rcmservo.loop.pixel_precision import describe_precision
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import PageChannels
@@ -57,6 +58,9 @@ FRAMES_PER_REPORT = 15
 Requested = TypeVar("Requested", Target, Servo)
 
 
+PRECISION_IS_UNKNOWN = "the precision of the image is known once the tool has explored"
+
+
 class PageOperator:
     """Operator whose requests come from the page.
 
@@ -87,8 +91,9 @@ class PageOperator:
         self._reported_servo: Servo | None = None
         self._reported_target: Target | None = None
         self._reported_progress: SequenceProgress | None = None
-        # The kernel is compiled here, so that no compilation delays the loop.
+        # Kernels are compiled here, so that no compilation delays the loop.
         compute_joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))
+        describe_precision(selection.servo.init(), selection.servo.tool)
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._channels.ticks.add(tick)
@@ -129,8 +134,10 @@ class PageOperator:
             return
         self._observed_frames += 1
         if self._observed_frames % FRAMES_PER_REPORT == 1:
+            precision = describe_precision(tick.state, tick.servo.tool) or PRECISION_IS_UNKNOWN
             count = f"{self._observed_frames} of {self._frames} frames"
-            self._report(TeachingStatus(f"teaching, keep the tool still: {count}"))
+            words = f"teaching, keep the tool still: {count}; {precision}"
+            self._report(TeachingStatus(words))
 
     def _read_jog_state(self, tick: Tick) -> None:
         """Read the jog command. End a press that the browser has not repeated for long."""

@@ -180,6 +180,8 @@ class Dashboard:
             case PoseTaught():
                 error = self.poses.save(message.name, message.target, self.picture)
                 self.notes.append(error or f"{message.name} is taught")
+                if message.target.swing_text:
+                    self.notes.append(message.target.swing_text)
                 self.pose_version += 1
             case TeachingStatus():
                 self.teaching = message.words

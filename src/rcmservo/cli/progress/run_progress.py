@@ -10,6 +10,7 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
+from rcmservo.loop.pixel_precision import describe_precision
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Phase
 
@@ -33,9 +34,13 @@ class RunProgress:
         self._status_line, self._duration_s = status_line, duration_s
         self._last_phase: Phase | None = None
         self._last_cause = Cause.NONE
+        self._has_explored = False
 
     def __call__(self, tick: "Tick") -> None:
         state, time_s = tick.state, tick.time * 1e-9
+        if state.explored and not self._has_explored:
+            _print_event(self._status_line, time_s, describe_precision(state, tick.servo.tool))
+        self._has_explored = state.explored
         if (state.phase, state.cause) != (self._last_phase, self._last_cause):
             if max(state.cause.action, self._last_cause.action) >= Action.HOLD:
                 _print_event(self._status_line, time_s, state.text)
