@@ -1,6 +1,7 @@
-"""Generator of docs/how_to_choose.md from how_to_choose.md.j2 and the numbers of the studies.
+"""Generator of the pages that cite studies, from their templates and the numbers of the studies.
 
-The template holds the sentences. Their numbers are read from studies/figures.json, which
+The pages are docs/how_to_choose.md and docs/imperfect_arms.md. The template of a page holds the
+sentences. Their numbers are read from figures.json in the folder of its studies, which
 make_studies.py collects from the studies.
 
 In the template,
@@ -24,10 +25,6 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 DOCS = Path(__file__).parent
-STUDIES = DOCS / "studies"
-FIGURES = STUDIES / "figures.json"
-TEMPLATE = "how_to_choose.md.j2"
-PAGE = DOCS / "how_to_choose.md"
 MAX_LISTED_CAUSES = 2
 """Number of causes of stops that are listed one by one."""
 LINE_LENGTH = 120
@@ -35,6 +32,38 @@ LINE_LENGTH = 120
 
 LESS_IS_BETTER = "time_s", "pose_mm"
 """Differences that are negative for the better method."""
+
+
+class StudyPage(NamedTuple):
+    """Page of the documentation that cites the studies of a folder."""
+
+    name: str
+    studies: Path
+
+    @property
+    def path(self) -> Path:
+        """Page itself."""
+        return DOCS / f"{self.name}.md"
+
+    @property
+    def figures(self) -> Path:
+        """Numbers of its studies."""
+        return self.studies / "figures.json"
+
+    def list_studies(self) -> list[str]:
+        """Return the names of its studies."""
+        return sorted(path.stem for path in self.studies.glob("*.toml"))
+
+    def render(self) -> str:
+        """Return its text by the present numbers."""
+        return render(load(self.figures), DOCS, f"{self.name}.md.j2")
+
+
+PAGES = (
+    StudyPage("how_to_choose", DOCS / "studies"),
+    StudyPage("imperfect_arms", DOCS / "studies/imperfect_arms"),
+)
+"""Pages that cite studies."""
 
 
 class UnsupportedClaim(Exception):
@@ -260,8 +289,8 @@ class Page:
         return methods | {name: self.number(name) for name in COLUMNS}
 
 
-def render(figures: Mapping[str, Any], folder: Path = DOCS, template: str = TEMPLATE) -> str:
-    """Render the page.
+def render(figures: Mapping[str, Any], folder: Path, template: str) -> str:
+    """Render a page.
 
     Raises
     ------
@@ -305,8 +334,8 @@ def _fill(line: str, indent: str = "") -> str:
     )
 
 
-def load(path: Path = FIGURES) -> dict[str, Any]:
-    """Read figures.json."""
+def load(path: Path) -> dict[str, Any]:
+    """Read a figures.json."""
     return json.loads(path.read_text("utf-8"))
 
 

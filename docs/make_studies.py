@@ -1,11 +1,13 @@
-"""Run the studies that docs/how_to_choose.md cites, and write the page from them.
+"""Run the studies that pages of the documentation cite, and write the pages from them.
 
     python docs/make_studies.py [NAME ...] [--render] [--workers N]
 
-Each docs/studies/NAME.toml is run by `rcmservo study` into runs/studies/NAME; an interrupted study
-resumes. Their numbers are collected in docs/studies/figures.json, and the page is written from
-them, unless they no longer support one of its sentences. With names, only these studies are run;
---render runs none and writes the page from the present numbers.
+The pages are docs/how_to_choose.md, with the studies docs/studies/*.toml, and
+docs/imperfect_arms.md, with docs/studies/imperfect_arms/*.toml. `rcmservo study` runs each study
+into a folder under runs/studies; an interrupted study resumes. The numbers of a page are collected
+in figures.json beside its studies, and it is written from them, unless they no longer support one
+of its sentences. With names, only these studies and their pages are made; --render runs no study
+and writes all pages from the present numbers.
 """
 
 import argparse
@@ -20,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from choosing import COLUMNS, FIGURES, PAGE, STUDIES, load, render, round_numbers
+from choosing import COLUMNS, PAGES, StudyPage, round_numbers
 
 ROOT = Path(__file__).parents[1]
 RUNS = Path("runs/studies")
@@ -31,45 +33,54 @@ COMPARISON_KEYS = "success", "time_s", "pose_mm"
 
 
 def main() -> None:
-    """Run the studies, collect their numbers, and write the page."""
+    """Run the studies, collect their numbers, and write the pages."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", help="names of studies; default: all")
-    parser.add_argument("--render", action="store_true", help="only write the page")
+    parser.add_argument("--render", action="store_true", help="only write the pages")
     parser.add_argument(
         "--workers", type=int, help="number of processes; default: one per processor"
     )
     options = parser.parse_args()
-    if not options.render:
-        start = time.monotonic()
-        for name in options.names or list_studies():
-            run(name, options.workers)
-        write(collect_figures())
-        print(f"all studies: {time.monotonic() - start:.0f} s")
-    PAGE.write_text(render(load()), "utf-8")
-    print(PAGE.relative_to(ROOT))
+    for page in PAGES:
+        names = [name for name in page.list_studies() if name in (options.names or [name])]
+        if not (names or options.render):
+            continue
+        if not options.render:
+            start = time.monotonic()
+            for name in names:
+                run(page, name, options.workers)
+            write(page, collect_figures(page))
+            print(f"studies of {page.name}: {time.monotonic() - start:.0f} s")
+        page.path.write_text(page.render(), "utf-8")
+        print(page.path.relative_to(ROOT))
 
 
-def list_studies() -> list[str]:
-    """Return the names of all studies."""
-    return sorted(path.stem for path in STUDIES.glob("*.toml"))
+def locate_study(page: StudyPage, name: str) -> Path:
+    """Return the file of a study, from the root of the project."""
+    return (page.studies / f"{name}.toml").relative_to(ROOT)
 
 
-def make_command(name: str) -> str:
+def locate_runs(page: StudyPage, name: str) -> Path:
+    """Return the folder of a study's runs, from the root of the project."""
+    return RUNS / locate_study(page, name).relative_to("docs/studies").with_suffix("")
+
+
+def make_command(page: StudyPage, name: str) -> str:
     """Return the command that runs a study."""
-    return f"rcmservo study docs/studies/{name}.toml --out {RUNS / name}"
+    return f"rcmservo study {locate_study(page, name)} --out {locate_runs(page, name)}"
 
 
-def run(name: str, workers: int | None) -> None:
+def run(page: StudyPage, name: str, workers: int | None) -> None:
     """Run a study, or its missing part."""
-    print(make_command(name), flush=True)
-    arguments = [sys.executable, "-m", *make_command(name).split()]
+    print(make_command(page, name), flush=True)
+    arguments = [sys.executable, "-m", *make_command(page, name).split()]
     arguments += ["--workers", str(workers)] if workers else []
     subprocess.run(arguments, cwd=ROOT, check=True)
 
 
-def collect_figures() -> dict[str, Any]:
-    """Return the numbers of all studies with package, machine, versions and date."""
-    folders = {name: ROOT / RUNS / name for name in list_studies()}
+def collect_figures(page: StudyPage) -> dict[str, Any]:
+    """Return the numbers of the studies of a page with package, machine, versions and date."""
+    folders = {name: ROOT / locate_runs(page, name) for name in page.list_studies()}
     summaries = {name: json.loads((f / "summary.json").read_text()) for name, f in folders.items()}
     packages = {summary["package"] for summary in summaries.values()}
     if len(packages) > 1:
@@ -82,27 +93,27 @@ def collect_figures() -> dict[str, Any]:
         "machine": f"{os.cpu_count()} x {first['cpu'][0].as_py()}",
         "versions": first["versions"][0].as_py(),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "studies": {name: select_figures(name, summary) for name, summary in summaries.items()},
+        "studies": {name: select_figures(page, name, one) for name, one in summaries.items()},
     }
 
 
-def select_figures(name: str, summary: dict[str, Any]) -> dict[str, Any]:
+def select_figures(page: StudyPage, name: str, summary: dict[str, Any]) -> dict[str, Any]:
     """Return the part of a study's summary that figures.json holds."""
     return {
-        "question": read_question(name),
-        "command": make_command(name),
+        "question": read_question(ROOT / locate_study(page, name)),
+        "command": make_command(page, name),
         "runs": summary["runs"],
         "rows": group_by_condition(summary["methods"], SUMMARY_KEYS),
         "beside": group_by_condition(summary["comparisons"], COMPARISON_KEYS),
     }
 
 
-def read_question(name: str) -> str:
+def read_question(study: Path) -> str:
     """Return the question of a study: the comment at the start of its file up to the first "?"."""
-    lines = (STUDIES / f"{name}.toml").read_text("utf-8").splitlines()
+    lines = study.read_text("utf-8").splitlines()
     comment = " ".join(line.lstrip("# ") for line in lines if line.startswith("#"))
     if "?" not in comment:
-        raise SystemExit(f"docs/studies/{name}.toml has no question in its first comment")
+        raise SystemExit(f"{study} has no question in its first comment")
     return comment.partition("?")[0] + "?"
 
 
@@ -120,11 +131,11 @@ def flatten_interval(value: Any) -> Any:
     return list(value.values()) if isinstance(value, dict) and "low" in value else value
 
 
-def write(figures: dict[str, Any]) -> None:
+def write(page: StudyPage, figures: dict[str, Any]) -> None:
     """Write figures.json with one interval per line, so that changes are readable."""
     text = json.dumps(round_numbers(figures), ensure_ascii=False, indent=1)
     text = re.sub(r"\[[^\[\]{}]*\]", lambda match: " ".join(match[0].split()), text)
-    FIGURES.write_text(text + "\n", "utf-8")
+    page.figures.write_text(text + "\n", "utf-8")
 
 
 if __name__ == "__main__":
