@@ -1,0 +1,156 @@
+"""Backlash of the joints, fitted to the frames of a run.
+
+The encoders at the motors do not show the backlash β of a joint. The joint of the tool is at q + l,
+with the motor at q and the lost motion l, which each step Δq of the motor changes:
+
+    l ← min(max(l − Δq, −β/2), β/2)
+
+The fit is the β at which the projection of a camera, itself fitted to the joints of the tool, leaves
+the smallest residuals of both markers.
+"""
+
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.estimation.camera_fit import ProjectionFit, make_initial_fit, update_fit
+from rcmservo.estimation.camera_fit_prediction import predict_markers
+from rcmservo.geometry.kinematics import RcmStruct, compute_position
+from rcmservo.geometry.tool import ToolStruct
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
+
+Indices = NDArray[np.int_]
+
+EXPECTED_BACKLASH = np.array([0.01, 0.01, 1.0])
+"""Usual size of backlash (rad, rad, mm), the prior standard deviation and the unit of the fit."""
+
+INITIAL_BACKLASH = 0.2
+"""Initial value of the fit, in these units."""
+
+MIN_SPACING_MM = 0.3
+"""Motion of marker 1 (mm) from one frame of the fit to the next."""
+
+FRAME_COUNT_RANGE = 30, 400
+"""Smallest and largest number of these frames; later ones are not used."""
+
+MIN_DEVIATION_PX, MAX_SIGMAS = 0.02, 10.0
+"""Smallest assumed noise of a marker (px), and the residual at which a frame counts no more."""
+
+MAX_RESIDUAL_PX = 1.5
+"""Largest rms residual (px); a larger one shows that the camera moved, or that frames were wrong."""
+
+MIN_SIGMAS = 5.0
+"""Size of a backlash, in its standard deviations, from which it counts as found."""
+
+MIN_BACKLASH = np.array([5e-4, 5e-4, 0.05])
+"""Smallest backlash (rad, rad, mm) that counts as found."""
+
+
+class BacklashFit(NamedTuple):
+    """Backlash of the joints.
+
+    Parameters
+    ----------
+    size : Floats
+        Backlash (3,) in rad, rad, mm; 0 where none was found.
+    deviation : Floats
+        Standard deviation (3,) of the fit by the residuals.
+    """
+
+    size: Floats
+    deviation: Floats
+
+
+@compiled
+def compute_lost_motion(q: Floats, backlash: float) -> Floats:
+    """Return the lost motion (n,) of a joint, 0 at first, for the motor at q (n,)."""
+    lost = np.zeros(len(q))
+    for k in range(1, len(q)):
+        lost[k] = min(max(lost[k - 1] + q[k - 1] - q[k], -0.5 * backlash), 0.5 * backlash)
+    return lost
+
+
+@compiled
+def compute_residuals(
+    fit: ProjectionFit,
+    rcm: RcmStruct,
+    shaft: ToolStruct,
+    q: Floats,
+    points: Floats,
+    rows: Indices,
+    backlash: Floats,
+) -> Floats:
+    """Return the residuals (m, 2, 2) px of the frames in `rows` (m,) with this backlash (3,).
+
+    q (n, 3) are the joints and `points` (n, 2, 2) px the markers in all frames. `fit` is the
+    initial fit, which the frames then change.
+    """
+    joints, residuals = q.copy(), np.empty((len(rows), 2, 2))
+    for j in range(3):
+        joints[:, j] += compute_lost_motion(q[:, j].copy(), backlash[j])
+    for k in rows:
+        update_fit(fit, compute_position(rcm, joints[k]), points[k], shaft)
+    for i in range(len(rows)):
+        p1 = compute_position(rcm, joints[rows[i]])
+        residuals[i] = predict_markers(fit, p1, shaft) - points[rows[i]]
+    return residuals
+
+
+def select_frames(p1: Floats) -> Indices:
+    """Return the rows of the positions p₁ (n, 3) mm that are apart by `MIN_SPACING_MM`."""
+    rows, last = list[int](), np.full(3, np.inf)
+    for k, p in enumerate(p1):
+        if not np.linalg.norm(p - last) < MIN_SPACING_MM:
+            rows.append(k)
+            last = p
+    return np.array(rows[: FRAME_COUNT_RANGE[1]], dtype=int)
+
+
+def fit_backlash(rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats) -> BacklashFit | None:
+    """Fit the backlash of the joints to the frames of a run.
+
+    Parameters
+    ----------
+    rcm : RcmStruct
+        Kinematics of marker 1.
+    shaft : ToolStruct
+        Positions of the markers on the tool.
+    q : Floats
+        Joints (n, 3) rad, rad, mm at the exposures of the frames, in their order, at the motors.
+    points : Floats
+        Markers (n, 2, 2) px.
+
+    Returns
+    -------
+    BacklashFit or None
+        Backlash; None if the tool moved too little, or if no camera fits the frames.
+    """
+    from scipy import optimize  # local because the import takes 0.1 s
+
+    rows = select_frames(np.array([compute_position(rcm, joints) for joints in q]).reshape(-1, 3))
+    if len(rows) < FRAME_COUNT_RANGE[0]:
+        return None
+
+    def compute(x: Floats) -> Floats:
+        fit = make_initial_fit().rows[0]
+        return compute_residuals(fit, rcm, shaft, q, points, rows, x * EXPECTED_BACKLASH)
+
+    noise = max(1.4826 * float(np.median(np.abs(compute(np.zeros(3))))), MIN_DEVIATION_PX)
+
+    def residual(x: Floats) -> Floats:
+        markers = np.clip(compute(x).ravel() / noise, -MAX_SIGMAS, MAX_SIGMAS)
+        return np.concatenate([markers, x])
+
+    least_squares = cast(Any, optimize).least_squares
+    initial, bounds = np.full(3, INITIAL_BACKLASH), (0.0, np.inf)
+    fit: Any = least_squares(residual, initial, bounds=bounds, diff_step=0.02, max_nfev=30)
+    rms = noise * float(np.sqrt(np.mean(residual(fit.x)[:-3] ** 2)))
+    if not rms < MAX_RESIDUAL_PX:
+        return None
+    J: Floats = fit.jac * noise / rms
+    deviation = np.sqrt(np.diag(np.linalg.pinv(J.T @ J))) * EXPECTED_BACKLASH
+    size: Floats = fit.x * EXPECTED_BACKLASH
+    is_found = (size > MIN_SIGMAS * deviation) & (size > MIN_BACKLASH)
+    return BacklashFit(np.where(is_found, size, 0.0), deviation)
