@@ -9,7 +9,6 @@ from rcmservo.bringup.identification import (
     ZERO,
     MarkerViews,
     compute_corrected_markers,
-    fit_residuals,
     identify,
 )
 from rcmservo.geometry.kinematics import SphericalRcm
@@ -57,12 +56,3 @@ def test_several_corrections_and_the_backlash_are_identified_within_their_covari
     assert error @ np.linalg.solve(covariance, error) < 30.0
     assert (np.sqrt(np.diag(fit.covariance)) < [0.05, 0.05, 0.05, 5.0, 0.05, *MAX_DEVIATIONS]).all()
     assert fit.misfit < 1.5 * views.points.size
-
-
-def test_the_covariance_of_a_linear_fit_is_that_of_the_normal_equations() -> None:
-    rng = np.random.default_rng(0)
-    A, b = rng.normal(size=(20, 3)), rng.normal(size=20)
-    fit = fit_residuals(lambda x: x @ A.T - b, np.zeros(3))
-    assert np.allclose(fit.x, np.linalg.lstsq(A, b)[0])
-    assert np.allclose(fit.covariance, np.linalg.inv(A.T @ A), rtol=1e-5)
-    assert np.isclose(fit.misfit, ((A @ fit.x - b) ** 2).sum())

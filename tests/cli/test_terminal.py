@@ -14,7 +14,9 @@ from rcmservo.cli.cli import main
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.score_report import convert_score_to_json, print_score
 from rcmservo.cli.terminal import open_console, use_ascii_fallback
+from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
+from rcmservo.recording.foreign.length_fit import LengthEstimate
 from rcmservo.recording.foreign.scoring import RecordingScore
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
@@ -33,13 +35,50 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 
 def test_a_score_keeps_the_units_in_brackets() -> None:
     steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
-    scored = RecordingScore([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
+    scored = make_score(steps, [])
     assert convert_score_to_json(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
-    out = open_console()
-    with out.capture() as got:
-        print_score(out, scored)
+    text = print_to_text(scored)
     for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
-        assert words in got.get()
+        assert words in text
+    assert "rig file" not in text
+
+
+def test_a_length_is_printed_with_its_interval_or_as_undetermined() -> None:
+    """The limit is ± 5 mm."""
+    lengths = [
+        LengthEstimate("insertion_zero", -15.6, -12.0, 5.01),
+        LengthEstimate("spacing", 50.0, 52.5, 4.99),
+        LengthEstimate("marker_1_off_axis_along_yaw", 0.0, 0.0, np.inf),
+        LengthEstimate("marker_1_off_axis_along_pitch", 0.0, -0.8, 0.04),
+    ]
+    scored = make_score({}, lengths)
+    rows = [line.split("│")[1:4] for line in print_to_text(scored).splitlines() if "│" in line]
+    assert [[cell.strip() for cell in row] for row in rows] == [
+        ["insertion zero", "-15.6 mm", "undetermined: this motion fixes it to ± 5.0 mm only"],
+        ["spacing", "50.0 mm", "52.5 ± 5.0 mm"],
+        ["marker 1 off axis along yaw", "0.0 mm", "undetermined: this motion does not fix it"],
+        ["marker 1 off axis along pitch", "0.0 mm", "-0.80 ± 0.04 mm"],
+    ]
+    assert convert_score_to_json(scored)["lengths_mm"] == {
+        "insertion_zero": {"rig_file": -15.6, "estimate": None, "half_width": 5.01},
+        "spacing": {"rig_file": 50.0, "estimate": 52.5, "half_width": 4.99},
+        "marker_1_off_axis_along_yaw": {"rig_file": 0.0, "estimate": None, "half_width": None},
+        "marker_1_off_axis_along_pitch": {"rig_file": 0.0, "estimate": -0.8, "half_width": 0.04},
+    }
+
+
+def make_score(steps: dict[str, Floats], lengths: list[LengthEstimate]) -> RecordingScore:
+    """Return a score without frames."""
+    reprojection = np.array([0.5, np.nan])
+    return RecordingScore([], [], np.array([1.0, 2.0]), 3.0, reprojection, steps, lengths)
+
+
+def print_to_text(score: RecordingScore) -> str:
+    """Return what `print_score` prints."""
+    out = Console(width=120, markup=False)
+    with out.capture() as got:
+        print_score(out, score)
+    return got.get()
 
 
 def test_a_folder_name_that_looks_like_markup_gives_no_traceback(
@@ -84,9 +123,11 @@ def test_an_ascii_terminal_receives_readable_ascii(monkeypatch: pytest.MonkeyPat
         feature_error=FeatureError(0.01, 1.0, 2.0), jacobian_error=JacobianError(0.1, 0.1)
     )
     print_result(Console(file=stream, markup=False, width=100), result, as_json=False)
+    print("52.5 ± 4.2 mm", file=stream)
     stream.flush()
     text = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
     assert "s 0.573 deg, r 1.00 px" in text and "|J - J|/|J|" in text and "?" not in text
+    assert "52.5 +- 4.2 mm" in text
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,7 @@ def test_the_command_scores_points_without_any_image(
     assert main(["replay", str(write_recording(tmp_path, 14)), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert len(report["frames"]) == 14 and report["one_step_rms"]["projection"]["r_px"] is not None
+    assert report["lengths_mm"]["insertion_zero"]["rig_file"] == 0.0
 
 
 def test_the_points_of_a_real_recording_have_the_score_of_its_images(tmp_path: Path) -> None:

@@ -67,3 +67,33 @@ def test_the_finite_step_beats_the_linear_one(report: Any) -> None:
     assert all(
         rows["projection"][key] < rows["projection_linear"][key] for key in rows["projection"]
     )
+
+
+def test_the_interval_of_the_spacing_holds_the_one_in_the_description_of_the_data(
+    report: Any,
+) -> None:
+    spacing = report["lengths_mm"]["spacing"]
+    assert abs(spacing["estimate"] - 50.0) <= spacing["half_width"] <= 5.0
+
+
+def test_lengths_that_the_motion_does_not_determine_have_no_estimate(report: Any) -> None:
+    """The stills turn the tool by 0.25 and 0.09 rad and insert it by 52 mm."""
+    lengths = dict(report["lengths_mm"])
+    del lengths["spacing"]
+    assert list(lengths) == [
+        "insertion_zero",
+        *(f"marker_{k}_off_axis_along_{joint}" for k in (1, 2) for joint in ("yaw", "pitch")),
+    ]
+    for length in lengths.values():
+        assert length["estimate"] is None and 5.0 < length["half_width"] < 50.0
+
+
+def test_the_documentation_shows_the_lengths_that_are_printed(report: Any) -> None:
+    page = (ROOT / "docs/recordings.md").read_text()
+    for name, length in report["lengths_mm"].items():
+        (row,) = [line for line in page.splitlines() if f"│ {name.replace('_', ' ')} " in line]
+        half_width = f"± {length['half_width']:.1f} mm"
+        estimate = length["estimate"]
+        assert (
+            f"to {half_width} only" if estimate is None else f"{estimate:.1f} {half_width}"
+        ) in row

@@ -13,10 +13,9 @@ on f, c, k, β and on the corrections enter as additional measurements. A large 
 such camera projects the markers to the observed pixels.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, cast
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
 from rcmservo.geometry.tool import RIGID, Tool, ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.least_squares import LeastSquaresFit, fit_residuals
 
 ZERO, SPACING = 3, 4
 """Indices of the corrections of the insertion's zero and of the spacing of the markers. Indices 0
@@ -51,69 +51,10 @@ UNKNOWNS_WITHOUT_PRIOR = 6
 
 CROSS_PRODUCTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
 """Matrices K₁, K₂, K₃ (3, 9) with ω × x = (ω₁ K₁ + ω₂ K₂ + ω₃ K₃) x."""
-RELATIVE_STEP = float(np.sqrt(np.finfo(float).eps))
-"""Step of a forward difference, relative to the unknown or to 1, whichever is larger."""
-MAX_STEPS = 40
-"""Largest number of steps of a fit."""
-MIN_RELATIVE_GAIN = 1e-5
-"""Relative decrease of the squared residuals below which a fit ends."""
 MAX_UNKNOWN = 50.0
 """Largest absolute unknown, in its unit; it keeps the exponential functions of the model finite."""
 MAX_RESIDUAL_PX = 1e3
 """Upper bound on the residual of a marker; also the residual of a marker behind the camera."""
-
-
-@dataclass(frozen=True, eq=False)
-class LeastSquaresFit:
-    """Solution of a nonlinear least-squares problem.
-
-    Parameters
-    ----------
-    x : Floats
-        Solution (n,).
-    covariance : Floats
-        Covariance (n, n) of `x`, for residuals in standard deviations.
-    misfit : float
-        Sum of the squared residuals.
-    """
-
-    x: Floats
-    covariance: Floats
-    misfit: float
-
-
-def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
-    """Minimise the sum of squared residuals by a trust-region method.
-
-    Parameters
-    ----------
-    residuals
-        Maps m vectors of unknowns (m, n) to m vectors of residuals (m, r), so that all forward
-        differences take one call.
-    x
-        Initial unknowns (n,).
-    """
-    from scipy import optimize  # local because the import takes 0.1 s
-
-    @lru_cache(maxsize=1)
-    def differentiate(unknowns: tuple[float, ...]) -> tuple[Floats, Floats]:
-        """Return the residuals (r,) and their derivative (r, n)."""
-        x = np.array(unknowns)
-        shifted = x + RELATIVE_STEP * np.maximum(1.0, np.abs(x)) * np.where(x < 0.0, -1.0, 1.0)
-        base, *shifted_residuals = residuals(np.vstack([x, np.where(np.eye(len(x)), shifted, x)]))
-        return base, (np.array(shifted_residuals) - base).T / (shifted - x)
-
-    def residual(x: Floats) -> Floats:
-        return differentiate(tuple(x))[0]
-
-    def jacobian(x: Floats) -> Floats:
-        return differentiate(tuple(x))[1]
-
-    least_squares = cast(Any, optimize).least_squares
-    fit: Any = least_squares(residual, x, jacobian, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
-    J: Floats = fit.jac
-    covariance = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
-    return LeastSquaresFit(fit.x, covariance, 2.0 * float(fit.cost))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from rcmservo.bringup.findings import Finding
-from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.control.drive_response import (
     ResponseMeasurement,
@@ -24,6 +23,7 @@ from rcmservo.control.drive_response import (
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.least_squares import fit_residuals
 
 MAX_TIME_ERROR = 0.3
 """Largest error (s) of reported exposure times that can be identified."""

@@ -10,6 +10,7 @@ from rcmservo.cli.terminal import format_quantity
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import finite_or_none
 from rcmservo.recording.foreign import scoring
+from rcmservo.recording.foreign.length_fit import LengthEstimate
 
 
 def convert_score_to_json(score: scoring.RecordingScore) -> dict[str, Any]:
@@ -28,6 +29,14 @@ def convert_score_to_json(score: scoring.RecordingScore) -> dict[str, Any]:
         "one_step_rms": {
             name: dict(zip(("s_deg", "r_px", "d_px"), _list_errors(errors), strict=True))
             for name, errors in score.one_step.items()
+        },
+        "lengths_mm": {
+            length.name: {
+                "rig_file": length.described,
+                "estimate": length.value if length.is_determined else None,
+                "half_width": finite_or_none(length.half_width),
+            }
+            for length in score.lengths
         },
     }
 
@@ -52,7 +61,7 @@ def format_centres_csv(score: scoring.RecordingScore) -> str:
 
 
 def print_score(console: Console, score: scoring.RecordingScore) -> None:
-    """Print a score in words, and the one-step errors as a table."""
+    """Print a score in words, with tables of the one-step errors and of the lengths."""
     is_found = [[np.isfinite(m).all() for m in detected.points] for detected in score.markers]
     m1_count, m2_count = (
         (sum(column) for column in zip(*is_found, strict=True)) if is_found else (0, 0)
@@ -68,6 +77,12 @@ def print_score(console: Console, score: scoring.RecordingScore) -> None:
     for name, errors in score.one_step.items():
         table.add_row(name, *(format_quantity(error, "", 2) for error in _list_errors(errors)))
     console.print(table)
+    table = Table("length", "rig file", "by the pixels, 95 %")
+    for length in score.lengths:
+        described = format_quantity(length.described, "mm", 1)
+        table.add_row(length.name.replace("_", " "), described, _describe_length(length))
+    if score.lengths:
+        console.print(table)
 
 
 def _describe_imaged_rcm(score: scoring.RecordingScore) -> str:
@@ -75,3 +90,14 @@ def _describe_imaged_rcm(score: scoring.RecordingScore) -> str:
     if not (np.isfinite(o_c).all() and np.isfinite(condition)):
         return ": not observable, because the imaged tool rotates too little"
     return f" ({o_c[0]:.1f}, {o_c[1]:.1f}) px, condition number {condition:.0f}"
+
+
+def _describe_length(length: LengthEstimate) -> str:
+    """Return a length with its interval, or how far from determined it is."""
+    value, half_width = length.value, length.half_width
+    if length.is_determined:
+        digits = 1 if half_width >= 1.0 else 2
+        return f"{value:.{digits}f} ± {half_width:.{digits}f} mm"
+    if np.isinf(half_width):
+        return "undetermined: this motion does not fix it"
+    return f"undetermined: this motion fixes it to ± {half_width:.1f} mm only"

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 ASCII_REPLACEMENTS = str.maketrans(
     {
         "°": "deg",
+        "±": "+-",
         "∞": "inf",
         "…": "...",
         "–": "-",

@@ -6,10 +6,10 @@ with the motor at q and the lost motion l, which each step Δq of the motor chan
     l ← min(max(l − Δq, −β/2), β/2)
 
 The fit is the β at which the projection of a camera, itself fitted to the joints of the tool, leaves
-the smallest residuals of both markers.
+the smallest residuals of both markers. A shaft that friction bends has residuals that look alike.
 """
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from rcmservo.geometry.kinematics import RcmStruct, compute_position
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.least_squares import fit_residuals
 
 Indices = NDArray[np.int_]
 
@@ -35,13 +36,16 @@ MIN_SPACING_MM = 0.3
 FRAME_COUNT_RANGE = 30, 400
 """Smallest and largest number of these frames; later ones are not used."""
 
-MIN_DEVIATION_PX, MAX_SIGMAS = 0.02, 10.0
-"""Smallest assumed noise of a marker (px), and the residual at which a frame counts no more."""
+MAD_TO_STD = 1.4826
+"""Ratio of the standard deviation of Gaussian noise to its median absolute deviation."""
+
+MIN_NOISE_PX, MAX_SIGMAS = 0.02, 10.0
+"""Smallest assumed noise (px) of a marker, and the largest residual of a marker, in noise."""
 
 MAX_RESIDUAL_PX = 1.5
 """Largest rms residual (px); a larger one shows that the camera moved, or that frames were wrong."""
 
-MIN_SIGMAS = 5.0
+MIN_SIGMAS = 4.0
 """Size of a backlash, in its standard deviations, from which it counts as found."""
 
 MIN_BACKLASH = np.array([5e-4, 5e-4, 0.05])
@@ -127,30 +131,25 @@ def fit_backlash(rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats) -
     BacklashFit or None
         Backlash; None if the tool moved too little, or if no camera fits the frames.
     """
-    from scipy import optimize  # local because the import takes 0.1 s
-
     rows = select_frames(np.array([compute_position(rcm, joints) for joints in q]).reshape(-1, 3))
     if len(rows) < FRAME_COUNT_RANGE[0]:
         return None
 
     def compute(x: Floats) -> Floats:
-        fit = make_initial_fit().rows[0]
-        return compute_residuals(fit, rcm, shaft, q, points, rows, x * EXPECTED_BACKLASH)
+        fit, backlash = make_initial_fit().rows[0], np.abs(x) * EXPECTED_BACKLASH
+        return compute_residuals(fit, rcm, shaft, q, points, rows, backlash)
 
-    noise = max(1.4826 * float(np.median(np.abs(compute(np.zeros(3))))), MIN_DEVIATION_PX)
+    noise = max(MAD_TO_STD * float(np.median(np.abs(compute(np.zeros(3))))), MIN_NOISE_PX)
 
-    def residual(x: Floats) -> Floats:
-        markers = np.clip(compute(x).ravel() / noise, -MAX_SIGMAS, MAX_SIGMAS)
-        return np.concatenate([markers, x])
+    def compute_all(unknowns: Floats) -> Floats:
+        markers = np.array([compute(x).ravel() for x in unknowns]) / noise
+        return np.hstack([np.clip(markers, -MAX_SIGMAS, MAX_SIGMAS), unknowns])
 
-    least_squares = cast(Any, optimize).least_squares
-    initial, bounds = np.full(3, INITIAL_BACKLASH), (0.0, np.inf)
-    fit: Any = least_squares(residual, initial, bounds=bounds, diff_step=0.02, max_nfev=30)
-    rms = noise * float(np.sqrt(np.mean(residual(fit.x)[:-3] ** 2)))
-    if not rms < MAX_RESIDUAL_PX:
+    fit = fit_residuals(compute_all, np.full(3, INITIAL_BACKLASH))
+    ratio = float(np.sqrt(fit.misfit / (4 * len(rows))))
+    if not ratio * noise < MAX_RESIDUAL_PX:
         return None
-    J: Floats = fit.jac * noise / rms
-    deviation = np.sqrt(np.diag(np.linalg.pinv(J.T @ J))) * EXPECTED_BACKLASH
-    size: Floats = fit.x * EXPECTED_BACKLASH
+    deviation = ratio * np.sqrt(np.diag(fit.covariance)) * EXPECTED_BACKLASH
+    size = np.abs(fit.x) * EXPECTED_BACKLASH
     is_found = (size > MIN_SIGMAS * deviation) & (size > MIN_BACKLASH)
     return BacklashFit(np.where(is_found, size, 0.0), deviation)

@@ -1,1 +1,1 @@
-"""Numerical basis of the kernels: compilation, structs with named fields, small linear algebra."""
+"""Numerical basis: compilation, structs with named fields, small linear algebra, least squares."""

@@ -8,7 +8,7 @@ joints, in up to two ways:
     ŷ(t+1) = y(t) + h(p₁(t+1)) − h(p₁(t))          with its projection model h, if it has one
 
 The score is the root mean square of the errors, next to that of the prediction of no motion,
-ŷ(t+1) = y(t).
+ŷ(t+1) = y(t). The recording also determines lengths of the arm and the tool, see length_fit.py.
 """
 
 from collections.abc import Callable
@@ -28,6 +28,7 @@ from rcmservo.geometry.imaged_rcm import ImagedRcm, update_imaged_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import FailureExplainer, Floats, Markers, Tracker
 from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames, load_recording
+from rcmservo.recording.foreign.length_fit import LengthEstimate, fit_lengths
 from rcmservo.tracking import PointMarkers
 
 FIRST_PREDICTED_INDEX = 9
@@ -59,6 +60,8 @@ class RecordingScore:
     one_step : dict[str, Floats]
         Root mean square error (3,) in rad, px, px by prediction: "no_motion", the name of an
         estimator with a projection model, or a name with "_linear"; NaN if no step was predicted.
+    lengths : list[LengthEstimate]
+        Lengths of the arm and the tool by the pixels.
     """
 
     poses: list[RecordedPose]
@@ -67,6 +70,7 @@ class RecordingScore:
     condition: float
     reprojection: Floats
     one_step: dict[str, Floats]
+    lengths: list[LengthEstimate]
 
 
 def score_recording(
@@ -125,7 +129,8 @@ def score_recording(
         if model_score is not None and np.isnan(reprojection).any():
             predict = partial(estimator.predict, memory, lab.tool)
             reprojection = _compute_reprojection_error(predict, samples, o_c)
-    return RecordingScore(poses, markers, o_c, condition, reprojection, one_step)
+    lengths = fit_lengths(lab.mechanism, lab.tool, samples)
+    return RecordingScore(poses, markers, o_c, condition, reprojection, one_step, lengths)
 
 
 def _select_samples(poses: list[RecordedPose], markers: list[Markers]) -> list[Sample]:
