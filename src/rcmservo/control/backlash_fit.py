@@ -5,8 +5,8 @@ with the motor at q and the lost motion l, which each step Δq of the motor chan
 
     l ← min(max(l − Δq, −β/2), β/2)
 
-The fit is the β at which the projection of a camera, itself fitted to the joints of the tool, leaves
-the smallest residuals of both markers. A shaft that friction bends has residuals that look alike.
+The fit is the β at which a camera's projection, itself fitted to the joints of the tool, leaves the
+smallest residuals of both markers. A shaft that friction bends has residuals that look alike.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,11 @@ from rcmservo.geometry.kinematics import RcmStruct, compute_position
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.least_squares import fit_residuals
+from rcmservo.numerics.least_squares import (
+    compute_jackknife_covariance,
+    differentiate,
+    fit_residuals,
+)
 
 Indices = NDArray[np.int_]
 
@@ -43,9 +47,12 @@ MIN_NOISE_PX, MAX_SIGMAS = 0.02, 10.0
 """Smallest assumed noise (px) of a marker, and the largest residual of a marker, in noise."""
 
 MAX_RESIDUAL_PX = 1.5
-"""Largest rms residual (px); a larger one shows that the camera moved, or that frames were wrong."""
+"""Largest rms residual (px); a larger one shows a camera that moved, or wrong frames."""
 
-MIN_SIGMAS = 4.0
+GROUP_COUNT = 12
+"""Number of groups of frames that are left out to find the deviation of the fit."""
+
+MIN_SIGMAS = 6.0
 """Size of a backlash, in its standard deviations, from which it counts as found."""
 
 MIN_BACKLASH = np.array([5e-4, 5e-4, 0.05])
@@ -112,7 +119,9 @@ def select_frames(p1: Floats) -> Indices:
     return np.array(rows[: FRAME_COUNT_RANGE[1]], dtype=int)
 
 
-def fit_backlash(rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats) -> BacklashFit | None:
+def fit_backlash(
+    rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats
+) -> BacklashFit | None:
     """Fit the backlash of the joints to the frames of a run.
 
     Parameters
@@ -145,11 +154,13 @@ def fit_backlash(rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats) -
         markers = np.array([compute(x).ravel() for x in unknowns]) / noise
         return np.hstack([np.clip(markers, -MAX_SIGMAS, MAX_SIGMAS), unknowns])
 
-    fit = fit_residuals(compute_all, np.full(3, INITIAL_BACKLASH))
-    ratio = float(np.sqrt(fit.misfit / (4 * len(rows))))
-    if not ratio * noise < MAX_RESIDUAL_PX:
+    x = fit_residuals(compute_all, np.full(3, INITIAL_BACKLASH)).x
+    residuals, jacobian = differentiate(compute_all, x)
+    if not noise * np.sqrt(np.mean(residuals[:-3] ** 2)) < MAX_RESIDUAL_PX:
         return None
-    deviation = ratio * np.sqrt(np.diag(fit.covariance)) * EXPECTED_BACKLASH
-    size = np.abs(fit.x) * EXPECTED_BACKLASH
+    groups = np.array_split(np.arange(4 * len(rows)).reshape(-1, 4), GROUP_COUNT)
+    covariance = compute_jackknife_covariance(residuals, jacobian, groups)
+    deviation = np.sqrt(np.diag(covariance)) * EXPECTED_BACKLASH
+    size = np.abs(x) * EXPECTED_BACKLASH
     is_found = (size > MIN_SIGMAS * deviation) & (size > MIN_BACKLASH)
     return BacklashFit(np.where(is_found, size, 0.0), deviation)

@@ -265,6 +265,9 @@ class RunResult:
         Position of marker 2 at the end, and its distance from the taught one by image and joints.
     drives : DriveResponse or None
         Measured gain and lag of the drives; None without a tick.
+    backlash : list[float] or None
+        Backlash (3,) of the joints in rad, rad, mm, fitted to the frames of the run; 0 where they
+        show none. A shaft that friction bends looks alike. None without a tick.
     feature_error : FeatureError
         Errors Δy at the end, as the servo measures them.
     jacobian_error : JacobianError
@@ -327,6 +330,7 @@ class RunResult:
     bound_mm: float | None = None
     pose: FinalPose = FinalPose()
     drives: DriveResponse | None = None
+    backlash: list[float] | None = None
     feature_error: FeatureError = FeatureError()
     jacobian_error: JacobianError = JacobianError()
     explore: ExplorationCost = ExplorationCost()

@@ -1,11 +1,12 @@
 """Nonlinear least squares with few unknowns: solution, derivative and covariance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.numerics.structs import Floats
 
@@ -75,3 +76,20 @@ def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSqua
     J: Floats = fit.jac
     covariance = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
     return LeastSquaresFit(fit.x, covariance, 2.0 * float(fit.cost))
+
+
+def compute_jackknife_covariance(
+    residuals: Floats, jacobian: Floats, groups: Sequence[NDArray[np.intp]]
+) -> Floats:
+    """Return the covariance (n, n) of a fit from its changes if groups of rows are left out.
+
+    The rows after those of all groups are the prior, whose mean is wrong by its own deviation.
+    """
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    changes = np.zeros_like(inverse)
+    for group in groups:
+        rows = group.ravel()
+        J, r = jacobian[rows], residuals[rows]
+        change = inverse @ J.T @ np.linalg.solve(np.eye(len(rows)) - J @ inverse @ J.T, r)
+        changes += np.outer(change, change)
+    return (1.0 - 1.0 / len(groups)) * changes + inverse @ inverse

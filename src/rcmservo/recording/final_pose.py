@@ -1,10 +1,11 @@
-"""Pose of the tool at the end of a run, and response of the drives, from the ticks of the run."""
+"""Pose of the tool at the end of a run, drives and backlash, from the ticks of the run."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmservo.geometry.kinematics import Kinematics, compute_position
+from rcmservo.control.backlash_fit import fit_backlash
+from rcmservo.geometry.kinematics import Kinematics, compute_position, compute_position_jacobian
 from rcmservo.geometry.tool import Tool, compute_second_marker_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import DriveResponse, FinalPose, finite_or_none
@@ -26,8 +27,12 @@ PART_NAMES = (
 )
 """Parts of the bound of the final pose."""
 
-WAY_LEFT = 2
-"""Part of the way left."""
+ARM_ERRORS, WAY_LEFT = 1, 2
+"""Parts of the errors of arm, tool and lens, and of the way left."""
+
+MIN_BACKLASH_RATIO = 0.5
+"""Motion of the tool by half the backlash of a joint, relative to the errors of arm, tool and lens,
+from which the backlash is what limits the pose."""
 
 REST_UNITS, RATE_UNITS = np.array([0.01, 0.01, 1.0]), ("rad/s", "rad/s", "mm/s")
 """Rates of about the same speed of the tool, by which joints are compared, and their units."""
@@ -59,6 +64,12 @@ class RunCourse:
         Its parts (3,): noise of the markers, errors of arm, tool and lens, way left, mm.
     resting_rates : Floats
         Rates (3,) up to which the joints have rested, rad/s, rad/s, mm/s.
+    frames : Floats
+        Numbers (N,) of the newest frames, -1 before the first.
+    q_exposure : Floats
+        Joints (N, 3) at their exposures, rad, rad, mm.
+    points : Floats
+        Their markers (N, 2, 2), px; NaN where lost.
     """
 
     times: Floats
@@ -71,6 +82,9 @@ class RunCourse:
     pose_bound: float = np.nan
     bound_parts: Floats = field(default_factory=lambda: np.full(3, np.nan))
     resting_rates: Floats = field(default_factory=lambda: np.zeros(3))
+    frames: Floats = field(default_factory=lambda: np.zeros(0))
+    q_exposure: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    points: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
 def measure_distances(q: Floats, mechanism: Kinematics, tool: Tool, taught_q: Floats) -> Floats:
@@ -86,7 +100,20 @@ def measure_distances(q: Floats, mechanism: Kinematics, tool: Tool, taught_q: Fl
     return distances
 
 
-def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> FinalPose:
+def measure_backlash(course: RunCourse, mechanism: Kinematics, tool: Tool) -> Floats:
+    """Return the backlash (3,) of the joints in rad, rad, mm; 0 where the frames show none."""
+    is_new = np.diff(course.frames, prepend=-1.0) > 0.0
+    is_seen = np.isfinite(course.points).all(axis=(1, 2)) & np.isfinite(course.q_exposure).all(
+        axis=1
+    )
+    q, points = course.q_exposure[is_new & is_seen], course.points[is_new & is_seen]
+    fit = fit_backlash(mechanism.to_struct(tool.offset), tool.struct, q, points)
+    return np.zeros(3) if fit is None else fit.size
+
+
+def measure_final_pose(
+    course: RunCourse, mechanism: Kinematics, tool: Tool, backlash: Floats
+) -> FinalPose:
     """Return the position of marker 2 at the last tick, and its distance from the taught one.
 
     Parameters
@@ -97,6 +124,8 @@ def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> 
         Kinematics of the arm.
     tool : Tool
         Positions of the markers on the tool.
+    backlash : Floats
+        Backlash (3,) of the joints in rad, rad, mm.
     """
     p1 = compute_position(mechanism.to_struct(tool.offset), course.q[-1])
     p2 = tool.second_marker(p1)
@@ -105,21 +134,41 @@ def measure_final_pose(course: RunCourse, mechanism: Kinematics, tool: Tool) -> 
     by_joints_mm = finite_or_none(float(course.distances[-1]))
     by_image_mm, std_mm = finite_or_none(mean_mm), finite_or_none(std_mm)
     bound_mm = finite_or_none(course.pose_bound)
-    limit = "" if bound_mm is None else describe_limit(course, mechanism.joint_names)
+    p1_per_joint = compute_position_jacobian(mechanism.to_struct(tool.offset), course.q[-1])
+    p2_per_joint = compute_second_marker_jacobian(tool.struct, p1) @ p1_per_joint
+    play_mm = 0.5 * backlash * np.linalg.norm(p2_per_joint, axis=0)
+    names = mechanism.joint_names
+    limit = "" if bound_mm is None else describe_limit(course, names, backlash, play_mm)
     return FinalPose(p2.tolist(), by_joints_mm, by_image_mm, std_mm, bound_mm, limit)
 
 
-def describe_limit(course: RunCourse, joint_names: tuple[str, ...]) -> str:
-    """Return what contributes most to the bound; empty if unknown."""
+def describe_limit(
+    course: RunCourse, joint_names: tuple[str, ...], backlash: Floats, play_mm: Floats
+) -> str:
+    """Return what contributes most to the bound; empty if unknown.
+
+    `backlash` (3,) is that of the joints in rad, rad, mm, and `play_mm` (3,) half of it as motion
+    of marker 2.
+    """
     if not np.isfinite(course.bound_parts).all():
         return ""
     part = int(np.argmax(course.bound_parts))
+    joint = int(np.argmax(play_mm))
+    if part == ARM_ERRORS and play_mm[joint] > MIN_BACKLASH_RATIO * course.bound_parts[part]:
+        size = format_backlash(backlash)[joint]
+        return f"backlash of joint {joint + 1} ({joint_names[joint]}), {size}"
     rates = course.resting_rates / REST_UNITS
     if part != WAY_LEFT or not rates.max() > 0.0:
         return PART_NAMES[part]
     joint = int(np.argmax(rates))
     rate = f"{course.resting_rates[joint]:.2g} {RATE_UNITS[joint]}"
     return f"joint {joint + 1} ({joint_names[joint]}), which rests at up to {rate}"
+
+
+def format_backlash(backlash: Floats) -> list[str]:
+    """Return the backlash (3,) of the joints in rad, rad, mm, in words."""
+    angle_1, angle_2, insertion = backlash
+    return [f"{np.degrees(angle_1):.2f}°", f"{np.degrees(angle_2):.2f}°", f"{insertion:.2f} mm"]
 
 
 def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:

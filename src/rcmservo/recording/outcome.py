@@ -20,6 +20,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.final_pose import (
     FINAL_WINDOW_S,
     RunCourse,
+    measure_backlash,
     measure_distances,
     measure_drive_response,
     measure_final_pose,
@@ -108,6 +109,9 @@ class OutcomeCollector:
         self._observed_s: list[float] = []
         self._joints: list[Floats] = []
         self._applied_rates: list[Floats] = []
+        self._frames: list[int] = []
+        self._frame_joints: list[Floats] = []
+        self._points: list[Floats] = []
         self._exploration_end_s: float | None = None
         self._last_tick: Tick | None = None
         self._has_accepted_frame = False
@@ -119,6 +123,9 @@ class OutcomeCollector:
         self._observed_s.append(tick.observation.now / 1e9)
         self._joints.append(tick.observation.q)
         self._applied_rates.append(tick.applied)
+        self._frames.append(tick.observation.frame)
+        self._frame_joints.append(tick.observation.q_exposure)
+        self._points.append(tick.observation.points)
         if self._exploration_end_s is None and tick.state.explored:
             self._exploration_end_s = self._times_s[-1]
         self._has_accepted_frame = self._has_accepted_frame or tick.state.accepted_frame >= 0
@@ -146,8 +153,12 @@ class OutcomeCollector:
             pose_bound=self._last_tick.state.pose_bound,
             bound_parts=self._last_tick.state.bound_parts,
             resting_rates=self._last_tick.state.resting_rates,
+            frames=np.array(self._frames, dtype=float),
+            q_exposure=np.array(self._frame_joints),
+            points=np.array(self._points),
         )
-        pose = measure_final_pose(course, mechanism, tool)
+        backlash = measure_backlash(course, mechanism, tool)
+        pose = measure_final_pose(course, mechanism, tool, backlash)
         mode = self._last_tick.state.mode
         result = judge_run(course, self._exploration_end_s, mode, pose)
         return replace(
@@ -155,6 +166,7 @@ class OutcomeCollector:
             cause=result.cause + _describe_slow_estimator(self._last_tick),
             duration_s=self._times_s[-1] + 1.0 / self._servo.rate,
             target_q=taught_q.tolist(),
+            backlash=backlash.tolist(),
         )
 
 

@@ -8,8 +8,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from rcmservo.loop import run_result
 from rcmservo.loop.run_result import RunResult
+from rcmservo.recording.final_pose import format_backlash
 from rcmservo.recording.reader import Record
 from rcmservo.recording.timeline import Span
 from rcmservo.safety.causes import Action, Cause
@@ -48,6 +51,7 @@ def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
         ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
         ("exploration", _format_exploration(result.explore)),
         ("drives", "" if result.drives is None else _describe_drives(result.drives)),
+        ("backlash or friction (fitted)", _describe_backlash(result.backlash or [0.0, 0.0, 0.0])),
         ("‖Ĵ − J‖/‖J‖ (scaled)", _format_jacobian_error(result.jacobian_error)),
         (
             "estimator's own time",
@@ -135,6 +139,12 @@ def _describe_drives(drives: run_result.DriveResponse) -> str:
     gains = (f"{gain:.3f}" if gain is not None else "–" for gain in drives.gain)
     lags = (f"{lag:.0f}" if lag is not None else "–" for lag in drives.lag_ms)
     return f"moved {' '.join(gains)} of what was applied, {' '.join(lags)} ms later"
+
+
+def _describe_backlash(backlash: list[float]) -> str:
+    """Return the backlash of the joints; empty if the frames show none."""
+    sizes = zip(backlash, format_backlash(np.array(backlash)), strict=True)
+    return _join(*(f"joint {i + 1} {text}" for i, (size, text) in enumerate(sizes) if size > 0.0))
 
 
 def _format_feature_error(error: run_result.FeatureError) -> str:

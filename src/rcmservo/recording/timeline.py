@@ -31,6 +31,7 @@ from rcmservo.loop.run_result import (
 from rcmservo.recording.final_pose import (
     RunCourse,
     convert_to_mm,
+    measure_backlash,
     measure_distances,
     measure_final_pose,
 )
@@ -217,9 +218,14 @@ def _judge_last_run(record: Record) -> RunResult:
         pose_bound=float(record.ticks["pose_bound"][-1, 0]),
         bound_parts=record.ticks["bound_parts"][-1],
         resting_rates=record.ticks["resting_rates"][-1],
+        frames=record.ticks["frame"][first:, 0].astype(float),
+        q_exposure=record.ticks["q_exposure"][first:],
+        points=record.ticks["points"][first:].reshape(-1, 2, 2),
     )
-    pose = FinalPose() if parts is None else measure_final_pose(course, *parts)
+    backlash = np.zeros(3) if parts is None else measure_backlash(course, *parts)
+    pose = FinalPose() if parts is None else measure_final_pose(course, *parts, backlash)
     result = judge_run(course, exploration_end_s, mode, pose)
+    result = replace(result, backlash=backlash.tolist())
     return _mark_unfinished(record, result, mode)
 
 

@@ -39,6 +39,8 @@ class RecordedResult(RunResult):
     - `pose_error_mm`, `bound_mm`: true error and its Cramér-Rao bound in a simulation.
     - `drives`: a `DriveResponse`: ``drives.gain`` (3,), measured divided by applied motion, and
       ``drives.lag_ms`` (3,).
+    - `backlash`: that of the joints (3,) in rad, rad, mm, fitted to the frames; 0 where they show
+      none.
     - `feature_error`: Δs in rad, Δr and Δd in px, rms over the last second.
     - `folder`: folder of the record.
     """

@@ -23,14 +23,17 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.camera_fit import MIN_FRAME_SPACING_MM, UNIT_LENGTH_MM
 from rcmservo.geometry.kinematics import MIN_LEVER, Kinematics, compute_axis_jacobian
 from rcmservo.geometry.tool import RIGID, Tool
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.least_squares import differentiate, fit_residuals
+from rcmservo.numerics.least_squares import (
+    compute_jackknife_covariance,
+    differentiate,
+    fit_residuals,
+)
 
 MAX_HALF_WIDTH_MM = 5.0
 """Largest half width (mm) of the 95 % interval of a determined length."""
@@ -211,7 +214,7 @@ class _LengthProblem:
         residuals, jacobian = differentiate(partial(self.compute_residuals, noise=noise), x)
         rows = np.arange(self.points.size).reshape(-1, 4)
         groups = np.array_split(rows, min(len(rows), GROUP_COUNT))
-        covariance = _compute_jackknife_covariance(residuals, jacobian, groups)
+        covariance = compute_jackknife_covariance(residuals, jacobian, groups)
         quantile = float(stdtrit(len(groups) - 1, 0.5 + 0.5 * PROBABILITY))
         deviation = np.sqrt(np.diag(covariance)) * PRIOR
         return x[LENGTHS] * PRIOR[LENGTHS], quantile * deviation[LENGTHS]
@@ -231,20 +234,3 @@ class _LengthProblem:
         homogeneous = np.column_stack([self.x, np.ones(len(self.x))])
         unknowns[A] = np.linalg.lstsq(homogeneous, self.points)[0].T.ravel() / PRIOR[A]
         return unknowns
-
-
-def _compute_jackknife_covariance(
-    residuals: Floats, jacobian: Floats, groups: Sequence[NDArray[np.intp]]
-) -> Floats:
-    """Return the covariance (20, 20) of a fit from its changes if groups of rows are left out.
-
-    The rows after those of all groups are the prior, whose mean is wrong by its own deviation.
-    """
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    changes = np.zeros_like(inverse)
-    for group in groups:
-        rows = group.ravel()
-        J, r = jacobian[rows], residuals[rows]
-        change = inverse @ J.T @ np.linalg.solve(np.eye(len(rows)) - J @ inverse @ J.T, r)
-        changes += np.outer(change, change)
-    return (1.0 - 1.0 / len(groups)) * changes + inverse @ inverse
