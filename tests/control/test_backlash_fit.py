@@ -34,7 +34,7 @@ def draw_path(random: np.random.Generator) -> Floats:
     """Return joints (n, 3) along legs between corners, as of an exploration and a way back."""
     start = np.array([0.5, 0.3, 100.0])
     corners = [start + random.uniform(-1, 1, 3) * [0.06, 0.06, 6.0] for _ in range(6)]
-    ends = [start, *corners, start + [0.2, -0.15, 20.0]]
+    ends = [start, *corners, start + np.array([0.2, -0.15, 20.0])]
     legs = [np.linspace(a, b, 15, endpoint=False) for a, b in pairwise(ends)]
     return np.vstack(legs)
 
