@@ -5,7 +5,7 @@
 #   make check     runs formatter, linters, spelling, type checker, import contracts and docstrings
 #   make test-all  runs the slow tests
 #   make peers     installs other people's clients for the tests that are skipped without them
-#   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
+#   make studies   runs the studies behind two pages of docs/, and writes these pages, in 40 minutes
 #   make bench     measures everything at length, for about two hours
 .PHONY: run kernels test test-all check peers studies bench
 BIN := .venv/bin

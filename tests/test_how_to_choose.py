@@ -1,4 +1,4 @@
-"""The page docs/how_to_choose.md: generated from its template and study results that support it."""
+"""The pages that cite studies: generated from their templates and results that support them."""
 
 import importlib
 import re
@@ -9,44 +9,56 @@ import pytest
 
 from conftest import ROOT
 
-CHOOSING = ROOT / "docs/studies"
-STUDIES = sorted(path.stem for path in CHOOSING.glob("*.toml"))
-TEMPLATE = ROOT / "docs/how_to_choose.md.j2"
+STUDIES = sorted((ROOT / "docs/studies").rglob("*.toml"))
+PAGES = "how_to_choose", "imperfect_arms"
 RESULT_PATTERN = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
 """Figure with the unit of a result; settings in px, Hz and ms are not results."""
 
 
 @pytest.fixture
 def choosing(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Module that writes docs/how_to_choose.md."""
+    """Module that writes the pages."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     return importlib.import_module("choosing")
 
 
-@pytest.mark.parametrize("name", STUDIES)
-def test_every_study_of_the_page_can_be_planned(name: str) -> None:
+@pytest.fixture(params=PAGES)
+def page(request: pytest.FixtureRequest, choosing: Any) -> Any:
+    """Each page that cites studies."""
+    (one,) = [page for page in choosing.PAGES if page.name == request.param]
+    return one
+
+
+def test_the_pages_are_known(choosing: Any) -> None:
+    assert tuple(page.name for page in choosing.PAGES) == PAGES
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_every_study_of_a_page_can_be_planned(path: Path) -> None:
     from rcmservo.study.plan.file import make_plan, read_study_file
 
-    plan = make_plan(read_study_file(CHOOSING / f"{name}.toml"), {})
+    plan = make_plan(read_study_file(path), {})
     assert 0 < plan.runs <= 10_000
     assert len(plan.cells) > 1
 
 
-def test_every_study_of_the_page_has_results_and_is_named_on_it(choosing: Any) -> None:
-    figures, page = choosing.load(), choosing.PAGE.read_text()
-    assert sorted(figures["studies"]) == STUDIES
+def test_every_study_of_a_page_has_results_and_is_named_on_it(choosing: Any, page: Any) -> None:
+    figures, text = choosing.load(page.figures), page.path.read_text()
+    assert sorted(figures["studies"]) == page.list_studies()
     for name, study in figures["studies"].items():
-        assert f"([{name}])" in page or f"[{name}]," in page, f"no sentence is of {name}"
-        assert study["question"].endswith("?") and f"`{study['command']}`" in page
+        assert f"([{name}])" in text or f"[{name}]," in text, f"no sentence is of {name}"
+        assert study["question"].endswith("?") and f"`{study['command']}`" in text
 
 
-def test_the_page_is_generated_from_its_template_and_its_results(choosing: Any) -> None:
+def test_a_page_is_generated_from_its_template_and_its_results(page: Any) -> None:
     """No figure is typed by hand, and the results support every sentence."""
-    assert choosing.render(choosing.load()) == choosing.PAGE.read_text()
+    assert page.render() == page.path.read_text()
 
 
-def test_the_sentences_of_the_template_contain_no_result() -> None:
-    text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", TEMPLATE.read_text(), flags=re.S)
+@pytest.mark.parametrize("name", PAGES)
+def test_the_sentences_of_a_template_contain_no_result(name: str) -> None:
+    template = (ROOT / f"docs/{name}.md.j2").read_text()
+    text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", template, flags=re.S)
     text = re.sub(r"`[^`]*`|^#.*$", " ", text, flags=re.M)
     assert [match[0] for match in RESULT_PATTERN.finditer(text)] == []
 
@@ -119,19 +131,17 @@ def test_a_study_gives_results_and_a_page(
     make = importlib.import_module("make_studies")
     (tmp_path / "docs").mkdir()
     monkeypatch.setattr(make, "ROOT", tmp_path)
-    for module in (make, choosing):
-        monkeypatch.setattr(module, "STUDIES", tmp_path / "docs/studies")
-        monkeypatch.setattr(module, "FIGURES", tmp_path / "docs/studies/figures.json")
-    choosing.STUDIES.mkdir()
+    page = choosing.StudyPage("page", tmp_path / "docs/studies")
+    page.studies.mkdir()
     methods = 'methods = ["dlt", "projection"]\ncount = 2\n'
-    (choosing.STUDIES / "tiny.toml").write_text(f"# Does it\n# run? So it seems.\n{methods}")
+    (page.studies / "tiny.toml").write_text(f"# Does it\n# run? So it seems.\n{methods}")
     (tmp_path / "docs/page.j2").write_text(
         '{{ table("tiny", "share time error ratio unnoticed", stops=True) }}\n'
     )
-    make.run("tiny", 1)
-    make.write(make.collect_figures())
-    figures = choosing.load(choosing.FIGURES)
+    make.run(page, "tiny", 1)
+    make.write(page, make.collect_figures(page))
+    figures = choosing.load(page.figures)
     assert figures["studies"]["tiny"]["question"] == "Does it run?"
-    page = choosing.render(figures, tmp_path / "docs", "page.j2")
-    assert re.search(r"^\| `dlt` \| [\d.]+ % \([\d.]+ to [\d.]+\) \| [\d.]+ s", page, re.M)
-    assert page.endswith("([tiny])\n")
+    text = choosing.render(figures, tmp_path / "docs", "page.j2")
+    assert re.search(r"^\| `dlt` \| [\d.]+ % \([\d.]+ to [\d.]+\) \| [\d.]+ s", text, re.M)
+    assert text.endswith("([tiny])\n")
