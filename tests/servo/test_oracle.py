@@ -596,7 +596,8 @@ def run_steps():
     }
     for name, (estimator, tool, features) in configurations.items():
         exploration = Exploration(leg_time=0.1, tolerance=0.9)
-        law = SaturatedController(features=features)
+        approach = {"broyden": (0.01, 0.01, 1.0)}.get(name, (0.0, 0.0, 0.0))
+        law = SaturatedController(features=features, approach=approach)
         thresholds = Thresholds(max_target_deviation=60.0 if name == "kalman" else 6.0)
         servo = Servo(
             rcm, tool, estimator, law, thresholds=thresholds, exploration=exploration, rate=50.0
@@ -606,8 +607,7 @@ def run_steps():
         target = Target(pixels(C, p_d), rcm.joints(p_d), sizes=radii(C, p_d))
         state, executed, phases, rates, J, delta = servo.init(), np.zeros(3), [], [], [], []
         for k in range(1, 75):
-            time = 20_000_000 * k
-            applied, points = executed, pixels(C, rcm.position(q))
+            time, applied, points = 20_000_000 * k, executed, pixels(C, rcm.position(q))
             if k in (60, 61):  # frames that are rejected
                 points = points + 30.0
             sizes = radii(C, rcm.position(q))

@@ -13,6 +13,7 @@ import numpy as np
 
 from rcmservo.constraints import (
     Checked,
+    Limit,
     Triple,
     above,
     angles,
@@ -33,6 +34,11 @@ from rcmservo.numerics.small_svd import find_column_length_range, orthogonalise_
 
 DEFAULT_BOUNDS = float(np.radians(50.0)), 50.0, 50.0
 """Saturation bounds b by default, in rad, px, px."""
+
+APPROACH_LIMIT = Limit(
+    lambda offset: bool((np.abs(offset) <= [0.1, 0.1, 10.0]).all()),
+    "three offsets (rad, rad, mm) of at most 0.1 rad, 0.1 rad and 10 mm",
+)
 
 MAX_UNDAMPED_CONDITION = 1e3
 """Condition of the scaled Ĵ up to which its inverse is accurate enough without damping."""
@@ -82,6 +88,11 @@ class SaturatedController(Checked, section="controller"):
         Trust in the joints of teaching as a measurement of the target, 1/mm, not negative: the
         reciprocal of their standard deviation. They decide in a direction that the image hardly
         shows. With 0 the image alone decides, as in the paper.
+    approach : Triple
+        Offset of the joints from those of teaching (rad, rad, mm) at the pose through which the
+        tool goes to the target, at most 0.1 rad and 10 mm. Each joint then arrives from the side of
+        its offset, with its backlash taken up, if the offset is larger than the backlash. By
+        default 0: the tool goes there directly. A target without joints is approached directly.
     max_condition : float
         Condition number of the Jacobian, with its rows in units of 10° and 10 px, above 1, beyond
         which its inverse is strongly damped. Damping begins at half of it.
@@ -127,6 +138,7 @@ class SaturatedController(Checked, section="controller"):
     max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
     tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
     joint_trust: Annotated[float, not_negative("number per mm")] = 1.0
+    approach: Annotated[Triple, APPROACH_LIMIT] = (0.0, 0.0, 0.0)
     max_condition: Annotated[float, above(1.0)] = 150.0
 
     @cached_property

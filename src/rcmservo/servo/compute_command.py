@@ -55,6 +55,7 @@ from rcmservo.servo.kernel_parameters import (
     make_tool_struct,
 )
 from rcmservo.servo.state import Workspace, request_rest, restart_stall_rule
+from rcmservo.servo.target_gap import end_approach
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 
 RETURN_END_MM = 1.0
@@ -73,6 +74,7 @@ def compute_command(tick: TickContext, frame_result: int) -> None:
     decision, exploration = tick.stored.decision, tick.stored.exploration_state
     if tick.setpoint.is_new:
         restart_stall_rule(decision, tick.observation.now)
+        decision.has_approached = False
     if not exploration.is_done:
         explore(tick, frame_result)
     if exploration.is_done:
@@ -115,6 +117,8 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     decision.reducible_fraction = output.reducible_fraction if is_checked else 1.0
     # a damped motion is shorter than the distance to the target
     decision.remaining_mm = output.distance_to_target / decision.reducible_fraction
+    if is_servoing and decision.aims_beside:
+        end_approach(tick)
     largest_error = max(decision.reference_error, error)
     decrease = min(thresholds.stall_decrease, thresholds.stall_decrease_fraction * largest_error)
     if error < largest_error - decrease or not is_servoing:

@@ -28,7 +28,7 @@ from rcmservo.estimation.camera_fit_prediction import (
     write_markers_jacobian,
     write_predicted_markers,
 )
-from rcmservo.geometry.kinematics import compute_position_tuple
+from rcmservo.geometry.kinematics import Point, compute_position_tuple
 from rcmservo.geometry.tool import compute_second_marker_jacobian
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
@@ -46,7 +46,7 @@ from rcmservo.numerics.small_linalg import (
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.safety.checks.drift import compute_arm_error
 from rcmservo.servo.kernel_parameters import TickContext, make_rcm_struct, make_tool_struct
-from rcmservo.servo.state import forget_bound
+from rcmservo.servo.state import forget_bound, restart_stall_rule
 
 GAP_MM = 2.3
 """Gap (mm) that is allowed at the target, in addition to noise."""
@@ -94,6 +94,10 @@ With a smaller one the joints would not hold the tool at the target if the image
 of a fraction of a px would lead the tool away in a direction that the image hardly shows.
 """
 
+MAX_APPROACH_RATIO = 0.2
+"""Distance from the pose beside the target at which it is reached, as a ratio of its distance from
+the target."""
+
 MIN_SAMPLE_MM = 0.3
 """Motion of marker 1 (mm) between two samples of the residuals."""
 
@@ -124,15 +128,51 @@ def aim_at_target(tick: TickContext) -> None:
     image alone, `decision.aim` are the taught markers and `decision.goal` is NaN.
     """
     stored, setpoint, target = tick.stored, tick.setpoint, tick.stored.workspace.target
-    aim, goal = stored.decision.aim, stored.decision.goal
+    decision, controller = stored.decision, tick.parameters.controller
+    aim, goal = decision.aim, decision.goal
     copy_into(aim, setpoint.points)
     fill(goal, np.nan)
-    helps = tick.parameters.controller.joint_trust > 0.0 and not np.isnan(setpoint.q[0])
-    if not (helps and stored.exploration_state.is_done and target.is_determined):
+    decision.aims_beside = False
+    has_joints = not np.isnan(setpoint.q[0])
+    if not (has_joints and stored.exploration_state.is_done and target.is_determined):
         return
-    move_to_gap(target.markers, target.H, target.P, stored.projection_fit.offset, aim, goal)
-    for j in range(3):
-        goal[j] += target.p1[j]
+    if controller.joint_trust > 0.0:
+        move_to_gap(target.markers, target.H, target.P, stored.projection_fit.offset, aim, goal)
+        for j in range(3):
+            goal[j] += target.p1[j]
+    if not decision.has_approached:
+        aim_beside_target(tick)
+
+
+@compiled
+def aim_beside_target(tick: TickContext) -> None:
+    """Shift the aim to the pose from which the target is approached, if there is one."""
+    decision, H = tick.stored.decision, tick.stored.workspace.target.H
+    shift = compute_approach(tick)
+    decision.aims_beside = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0
+    for k in range(4):
+        for j in range(3):
+            decision.aim[k // 2, k % 2] += H[k, j] * shift[j]
+
+
+@compiled
+def compute_approach(tick: TickContext) -> Point:
+    """Return marker 1 (mm) at the pose from which the target is approached, from the target."""
+    q_d, offset = tick.setpoint.q, tick.parameters.controller.approach
+    q = q_d[0] + offset[0], q_d[1] + offset[1], q_d[2] + offset[2]
+    p1 = compute_position_tuple(make_rcm_struct(tick.parameters), q)
+    p1_d = tick.stored.workspace.target.p1
+    return p1[0] - p1_d[0], p1[1] - p1_d[1], p1[2] - p1_d[2]
+
+
+@compiled
+def end_approach(tick: TickContext) -> None:
+    """Let the tool go on to the target once it has reached the pose beside it."""
+    decision, shift = tick.stored.decision, compute_approach(tick)
+    length_mm = np.sqrt(shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2)
+    if decision.remaining_mm < MAX_APPROACH_RATIO * length_mm:
+        decision.aims_beside, decision.has_approached = False, True
+        restart_stall_rule(decision, tick.observation.now)
 
 
 @compiled
