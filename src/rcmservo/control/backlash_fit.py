@@ -49,9 +49,6 @@ MIN_NOISE_PX, MAX_SIGMAS = 0.02, 10.0
 MAX_RESIDUAL_PX = 1.5
 """Largest rms residual (px); a larger one shows a camera that moved, or wrong frames."""
 
-GROUP_COUNT = 12
-"""Number of groups of frames that are left out to find the deviation of the fit."""
-
 MIN_SIGMAS = 6.0
 """Size of a backlash, in its standard deviations, from which it counts as found."""
 
@@ -119,6 +116,18 @@ def select_frames(p1: Floats) -> Indices:
     return np.array(rows[: FRAME_COUNT_RANGE[1]], dtype=int)
 
 
+def group_frames(q: Floats, rows: Indices, backlash: Floats) -> list[Indices]:
+    """Return the residuals (m, 4) of each group of successive frames between two reversals.
+
+    All joints of the tool keep their side of the motors in a group. Errors of the camera's model are
+    alike there, and the backlash is found only if the other groups show it too.
+    """
+    lost = [compute_lost_motion(q[:, j].copy(), backlash[j])[rows] for j in range(3)]
+    sides = np.sign(np.column_stack(lost))
+    starts = 1 + np.flatnonzero((sides[1:] != sides[:-1]).any(axis=1))
+    return np.split(np.arange(4 * len(rows)).reshape(-1, 4), starts)
+
+
 def fit_backlash(
     rcm: RcmStruct, shaft: ToolStruct, q: Floats, points: Floats
 ) -> BacklashFit | None:
@@ -158,9 +167,9 @@ def fit_backlash(
     residuals, jacobian = differentiate(compute_all, x)
     if not noise * np.sqrt(np.mean(residuals[:-3] ** 2)) < MAX_RESIDUAL_PX:
         return None
-    groups = np.array_split(np.arange(4 * len(rows)).reshape(-1, 4), GROUP_COUNT)
+    size = np.abs(x) * EXPECTED_BACKLASH
+    groups = group_frames(q, rows, size)
     covariance = compute_jackknife_covariance(residuals, jacobian, groups)
     deviation = np.sqrt(np.diag(covariance)) * EXPECTED_BACKLASH
-    size = np.abs(x) * EXPECTED_BACKLASH
     is_found = (size > MIN_SIGMAS * deviation) & (size > MIN_BACKLASH)
     return BacklashFit(np.where(is_found, size, 0.0), deviation)
