@@ -1083,6 +1083,17 @@ def test_a_stopped_or_reversed_clock_is_an_immediate_fault(later):
     assert not after.command.rates.any() and not after.command.enabled
 
 
+def test_lines_of_a_tool_at_rest_do_not_outweigh_those_of_its_motion():
+    lab = make_laboratory()
+    ran = list(lab.run(lab.servo(estimator=ESTIMATORS["fast"]), 8.0))
+    count, frame = {}, {}
+    for observation, state in ran:
+        second = int((observation.now - ran[0][0].now) * 1e-9)
+        count[second], frame[second] = state.estimation.estimate.line_count, observation.frame
+    assert count[7] == count[6] > 20
+    assert frame[7] > frame[6] + 20
+
+
 def test_eq_16_as_printed_uses_the_last_lines():
     lab = make_laboratory()
     servo = lab.servo(

@@ -119,8 +119,8 @@ def select_frames(p1: Floats) -> Indices:
 def group_frames(q: Floats, rows: Indices, backlash: Floats) -> list[Indices]:
     """Return the residuals (m, 4) of each group of successive frames between two reversals.
 
-    All joints of the tool keep their side of the motors in a group. Errors of the camera's model are
-    alike there, and the backlash is found only if the other groups show it too.
+    All joints of the tool keep their side of the motors in a group. Errors of the camera's model
+    are alike there, and the backlash is found only if the other groups show it too.
     """
     lost = [compute_lost_motion(q[:, j].copy(), backlash[j])[rows] for j in range(3)]
     sides = np.sign(np.column_stack(lost))
