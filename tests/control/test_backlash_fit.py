@@ -65,6 +65,15 @@ def test_too_few_frames_show_no_backlash() -> None:
     assert fit_backlash(RCM, TOOL.struct, np.zeros((0, 3)), np.zeros((0, 2, 2))) is None
 
 
+@pytest.mark.parametrize("value", [1e6, 0.0])
+def test_markers_that_no_camera_shows_give_no_backlash(value: float) -> None:
+    q = draw_path(make_random(0))
+    points = np.full((len(q), 2, 2), value)
+    points[::2] += make_random(1).uniform(-value, value, (len(points[::2]), 2, 2))
+    fit = fit_backlash(RCM, TOOL.struct, q, points)
+    assert fit is None or not fit.size.any()
+
+
 def test_a_camera_that_moved_shows_no_backlash() -> None:
     random = make_random(0)
     q = draw_path(random)

@@ -155,7 +155,8 @@ def fit_backlash(
 
     def compute(x: Floats) -> Floats:
         fit, backlash = make_initial_fit().rows[0], np.abs(x) * EXPECTED_BACKLASH
-        return compute_residuals(fit, rcm, shaft, q, points, rows, backlash)
+        residuals = compute_residuals(fit, rcm, shaft, q, points, rows, backlash)
+        return np.nan_to_num(residuals, nan=np.inf, posinf=np.inf, neginf=-np.inf)
 
     noise = max(MAD_TO_STD * float(np.median(np.abs(compute(np.zeros(3))))), MIN_NOISE_PX)
 
@@ -163,6 +164,8 @@ def fit_backlash(
         markers = np.array([compute(x).ravel() for x in unknowns]) / noise
         return np.hstack([np.clip(markers, -MAX_SIGMAS, MAX_SIGMAS), unknowns])
 
+    if not noise < MAX_RESIDUAL_PX:
+        return None
     x = fit_residuals(compute_all, np.full(3, INITIAL_BACKLASH)).x
     residuals, jacobian = differentiate(compute_all, x)
     if not noise * np.sqrt(np.mean(residuals[:-3] ** 2)) < MAX_RESIDUAL_PX:
