@@ -44,7 +44,7 @@ def test_each_joint_arrives_from_the_side_of_its_offset(
 ) -> None:
     offset = np.array(signs) * [0.015, 0.015, 1.0]
     ticks = run(seed, (float(offset[0]), float(offset[1]), float(offset[2])))
-    assert any(tick.state.stored.decision.aims_beside for tick in ticks)
+    assert any(tick.state.stored.decision.aims_at_approach for tick in ticks)
     arrival = joints_after_approach(ticks) * signs
     assert np.all(arrival[0] - arrival[-1] > 0.5 * np.abs(offset)), "it comes from that side"
     against = arrival[-1] - arrival.min(axis=0)
@@ -52,12 +52,12 @@ def test_each_joint_arrives_from_the_side_of_its_offset(
 
 
 def test_without_an_offset_the_tool_goes_to_the_target_directly() -> None:
-    assert not any(t.state.stored.decision.aims_beside for t in run(0, (0.0, 0.0, 0.0)))
+    assert not any(t.state.stored.decision.aims_at_approach for t in run(0, (0.0, 0.0, 0.0)))
 
 
 def test_a_target_without_joints_is_approached_directly() -> None:
     ticks = run(0, (0.015, 0.015, 1.0), has_joints=False)
-    assert not any(tick.state.stored.decision.aims_beside for tick in ticks)
+    assert not any(tick.state.stored.decision.aims_at_approach for tick in ticks)
 
 
 @pytest.mark.parametrize("approach", [(0.2, 0.0, 0.0), (0.0, 0.0, 10.1), (0.0, np.nan, 0.0)])

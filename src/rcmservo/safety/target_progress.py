@@ -31,7 +31,7 @@ class TargetProgress(Row):
     )
     aim: Floats = reals((2, 2), "px", "markers that the servo aims at")
     goal: Floats = reals(3, "mm", "marker 1 at the target by image and joints, NaN if unknown")
-    aims_beside: bool = flag("True if the aim is the pose from which the target is approached")
+    aims_at_approach: bool = flag("True if the aim is the pose from which the target is approached")
     has_approached: bool = flag("True once the tool has reached that pose for this target")
     returns: bool = flag("True while the tool moves to the goal by the joints")
     has_returned: bool = flag("True if it has done so for this target")

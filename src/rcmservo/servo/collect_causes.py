@@ -99,7 +99,7 @@ def watch_target(tick: TickContext) -> None:
     is_near = had_arrived or remaining_mm < ARRIVAL_DISTANCE_MM
     if decision.mode.phase == SERVO and decision.detour_mm > MAX_DETOUR_MM:
         start_return(tick)
-    if decision.mode.phase != SERVO or not is_near or decision.returns or decision.aims_beside:
+    if decision.mode.phase != SERVO or not is_near or decision.returns or decision.aims_at_approach:
         decision.has_arrived, decision.mismatch_since = False, NEVER_NS
         decision.contradicted_since = NEVER_NS
         forget_bound(decision)

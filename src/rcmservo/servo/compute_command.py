@@ -117,7 +117,7 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     decision.reducible_fraction = output.reducible_fraction if is_checked else 1.0
     # a damped motion is shorter than the distance to the target
     decision.remaining_mm = output.distance_to_target / decision.reducible_fraction
-    if is_servoing and decision.aims_beside:
+    if is_servoing and decision.aims_at_approach:
         end_approach(tick)
     largest_error = max(decision.reference_error, error)
     decrease = min(thresholds.stall_decrease, thresholds.stall_decrease_fraction * largest_error)

@@ -95,7 +95,7 @@ of a fraction of a px would lead the tool away in a direction that the image har
 """
 
 MAX_APPROACH_RATIO = 0.2
-"""Distance from the pose beside the target at which it is reached, as a ratio of its distance from
+"""Distance from the pose next to the target at which it is reached, as a ratio of its distance from
 the target."""
 
 MIN_SAMPLE_MM = 0.3
@@ -132,7 +132,7 @@ def aim_at_target(tick: TickContext) -> None:
     aim, goal = decision.aim, decision.goal
     copy_into(aim, setpoint.points)
     fill(goal, np.nan)
-    decision.aims_beside = False
+    decision.aims_at_approach = False
     has_joints = not np.isnan(setpoint.q[0])
     if not (has_joints and stored.exploration_state.is_done and target.is_determined):
         return
@@ -141,15 +141,15 @@ def aim_at_target(tick: TickContext) -> None:
         for j in range(3):
             goal[j] += target.p1[j]
     if not decision.has_approached:
-        aim_beside_target(tick)
+        aim_at_approach(tick)
 
 
 @compiled
-def aim_beside_target(tick: TickContext) -> None:
+def aim_at_approach(tick: TickContext) -> None:
     """Shift the aim to the pose from which the target is approached, if there is one."""
     decision, H = tick.stored.decision, tick.stored.workspace.target.H
     shift = compute_approach(tick)
-    decision.aims_beside = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0
+    decision.aims_at_approach = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0
     for k in range(4):
         for j in range(3):
             decision.aim[k // 2, k % 2] += H[k, j] * shift[j]
@@ -167,11 +167,11 @@ def compute_approach(tick: TickContext) -> Point:
 
 @compiled
 def end_approach(tick: TickContext) -> None:
-    """Let the tool go on to the target once it has reached the pose beside it."""
+    """Let the tool go on to the target once it has reached the pose next to it."""
     decision, shift = tick.stored.decision, compute_approach(tick)
     length_mm = np.sqrt(shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2)
     if decision.remaining_mm < MAX_APPROACH_RATIO * length_mm:
-        decision.aims_beside, decision.has_approached = False, True
+        decision.aims_at_approach, decision.has_approached = False, True
         restart_stall_rule(decision, tick.observation.now)
 
 
