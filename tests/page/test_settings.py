@@ -258,7 +258,7 @@ def test_every_field_of_a_form_has_its_description_and_unit() -> None:
     assert list(law) == [f.name for f in fields(rs.SaturatedController)]
     units = {name: field["unit"] for name, field in law.items() if field["unit"]}
     speeds = {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s"}
-    assert units == speeds | {"tip": "mm", "joint_trust": "1/mm"}
+    assert units == speeds | {"tip": "mm", "joint_trust": "1/mm", "approach": "rad, rad, mm"}
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
     described = describe_field(rs.SaturatedController, "tip")
     assert described == "Distance from marker 2 to the tip, mm, from 0 to 1000."
